@@ -1,0 +1,66 @@
+"""Differentiable simulation of vesicles in two-dimensional Stokes flow under electric fields.
+
+Importing the package switches JAX to double precision, without which the method is useless; set
+`JAX_ENABLE_X64=0` beforehand to keep single precision for other work (jaxves then refuses to simulate).
+
+Modules are imported when first asked for, so that the command line answers at once.
+"""
+
+import importlib
+import os
+import sys
+from importlib.metadata import version
+
+__version__ = version("jaxves")
+
+if os.environ.setdefault("JAX_ENABLE_X64", "1").lower() not in {"0", "false"} and "jax" in sys.modules:
+    sys.modules["jax"].config.update("jax_enable_x64", True)
+
+_LAYERS = {
+    # vocabulary
+    "arrays": (),
+    "fourier": (),
+    # geometry
+    "curve": ("Curve",),
+    "shapes": ("circle", "ellipse", "through_points"),
+    # potentials
+    "potentials": (),
+    "surface": ("Surfaces",),
+    # physics
+    "membrane": (),
+    "history": ("Pulse", "Sine", "Table"),
+    "electric": ("Field",),
+    "flow": ("Extension", "Linear", "Shear"),
+    # the equation
+    "scene": ("Scene", "dc_field", "scene"),
+    "linear": ("GMRES", "Dense"),
+    "equation": ("Unknowns", "equation_for"),
+    # many steps, and what they say
+    "steppers": ("ARK4", "ARK5", "SemiImplicitEuler"),
+    "status": (),
+    "diagnostics": (),
+    "simulate": ("Adaptive", "Fixed", "simulate"),
+    "phases": (),
+    "around": (),
+    # files, pictures, command line
+    "units": (),
+    "scenefile": (),
+    "store": (),
+    "plot": (),
+}
+_HOME = {name: module for module, names in _LAYERS.items() for name in names}
+
+__all__ = [*_LAYERS, *_HOME]
+
+
+def __getattr__(name: str):
+    # A name that is both a module and a function (`simulate`, `scene`) means the function.
+    if name in _HOME:
+        return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    if name in _LAYERS:
+        return importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted([*globals(), *__all__])

@@ -1,0 +1,217 @@
+r"""What is reported of a state: names, units, meaning, and how each is computed.
+
+Stress of the particles on the suspension, with the force f_hd that membranes exert on the fluid:
+
+    Σ_ab = -(1/A) Σ ∮ (f_hd)_a x_b ds,   A the total area,   [μ] = Σ_12 / Ca in shear
+
+In a field Σ is not symmetric: the field exerts a torque. Energy balance at every instant:
+
+    dE_b/dt = power of the flow + power of the field - dissipation,     E_b = ½ ∮ κ_B κ² ds
+    dissipation = ∮ f_hd · S[f_hd] ds,  flow = -∮ f_hd · v_∞ ds,  field = -∮ f_el · dx/dt ds
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from . import curve as geometry
+from . import fourier, membrane
+from .curve import Curve
+from .equation import Equation, Motion, Unknowns
+from .scene import Scene
+
+
+class Quantity(NamedTuple):
+    """Unit (in the paper's scales), meaning, and named axes."""
+
+    units: str
+    long_name: str
+    dims: tuple[str, ...]
+
+
+_EACH, _RUN = ("t", "vesicle"), ("t",)
+QUANTITIES = {
+    "area": Quantity("a^2", "enclosed area", _EACH),
+    "length": Quantity("a", "perimeter", _EACH),
+    "center": Quantity("a", "centroid of the enclosed area", (*_EACH, "xy")),
+    "deformation": Quantity("1", "(√I_yy - √I_xx)/(√I_yy + √I_xx), positive when long in y", _EACH),
+    "deformation_along_field": Quantity("1", "the same with y along the field", _EACH),
+    "inclination": Quantity("rad", "angle of the major axis from x, in (-π/2, π/2]", _EACH),
+    "inclination_unwrapped": Quantity("rad", "angle of the major axis from x, followed in time", _EACH),
+    "tank_treading_speed": Quantity("a/t_kappa", "mean tangential velocity, counter-clockwise, about its mean", _EACH),
+    "bending_energy": Quantity("kappa_B/a", "½ ∮ κ_B κ² ds", _EACH),
+    "tension_min": Quantity("kappa_B/a^2", "least physical tension λ", _EACH),
+    "tension_max": Quantity("kappa_B/a^2", "greatest physical tension λ", _EACH),
+    "spectral_tail": Quantity("1", "top of the spectrum of x and V_m over its largest mode", _EACH),
+    "tension_tail": Quantity("1", "top of the spectrum of the tension over its largest mode", _EACH),
+    "metric_error": Quantity("1", "largest relative deviation of the node spacing", _EACH),
+    "self_gap": Quantity("a", "narrowest chord between parts twice as far apart along the membrane", _EACH),
+    "dipole": Quantity("eps E_inf a^2", "∮ (q x - V_m n) ds about the centroid", (*_EACH, "xy")),
+    "charge": Quantity("E_inf a", "∮ q ds", _EACH),
+    "max_V_m": Quantity("E_inf a", "largest |V_m|, which electroporation depends on", _EACH),
+    "torque": Quantity("kappa_B/a", "electric torque about the centroid", _EACH),
+    "traction_ratio": Quantity("1", "∮ |f_el·t| ds / ∮ |f_el·n| ds", _EACH),
+    "stress": Quantity("kappa_B/a^3", "particle stress -(1/A) Σ ∮ f_hd ⊗ x ds", (*_RUN, "xy", "ab")),
+    "effective_viscosity": Quantity("1", "intrinsic viscosity [μ] of the dilute suspension", _RUN),
+    "power_flow": Quantity("kappa_B/(a t_kappa)", "power of the imposed flow", _RUN),
+    "power_electric": Quantity("kappa_B/(a t_kappa)", "power of the electric force", _RUN),
+    "dissipation": Quantity("kappa_B/(a t_kappa)", "viscous dissipation of the disturbance", _RUN),
+    "power_balance": Quantity("kappa_B/(a t_kappa)", "dE_b/dt less all powers: zero but for discretisation", _RUN),
+    "residual": Quantity("1", "worst true relative residual of the linear solves", _RUN),
+}
+
+
+def tank_treading_speed(curve: Curve, velocity: Array) -> Array:
+    """∮ (v - v̄)·t ds / L with the mean velocity v̄: -Ca/2 for a circle in shear."""
+    weights = curve.weights / jnp.sum(curve.weights)
+    return jnp.sum(weights * jnp.sum((velocity - weights @ velocity) * curve.tangent, axis=-1))
+
+
+def stress(motion: Motion) -> Array:
+    """Particle stress tensor; positions from the mean centroid, on which it does not depend in total."""
+    curves = motion.surfaces.curves
+    centers = jax.vmap(geometry.centroid)(curves)
+    arm = (curves.x - jnp.mean(centers, axis=0)) * curves.weights[..., None]
+    return -jnp.einsum("mna,mnb->ab", motion.f_hd, arm) / jnp.sum(jax.vmap(geometry.area)(curves))
+
+
+def self_gap(curve: Curve) -> Array:
+    """The narrowest chord across a neck, a fold or the body; infinite for a nearly round curve.
+
+    Chords count where the membrane between their ends is at least twice as long.
+    """
+    x = fourier.resample(curve.x, 2 * curve.x.shape[0], axis=0)
+    K = x.shape[0]
+    chord = jnp.sqrt(jnp.sum((x[:, None] - x[None]) ** 2, axis=-1) + jnp.eye(K))
+    steps = jnp.abs(jnp.arange(K)[:, None] - jnp.arange(K)[None])
+    along = jnp.minimum(steps, K - steps) * (geometry.length(curve) / K)
+    return jnp.min(jnp.where(along >= 2 * chord, chord, jnp.inf))
+
+
+def crosses_itself(curve: Curve) -> Array:
+    """Whether two edges of the polygon of nodes intersect."""
+    p, q = curve.x, jnp.roll(curve.x, -1, axis=0)
+
+    def side(a, b, c):
+        """Twice the signed area of a, b, c, for all edges (a, b) and all points c."""
+        u, v = (b - a)[:, None], c[None] - a[:, None]
+        return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+
+    start, end = side(p, q, p), side(p, q, q)
+    # An edge shares an end with its neighbours: products there are round-off about zero, not below it.
+    N = p.shape[0]
+    steps = jnp.abs(jnp.arange(N)[:, None] - jnp.arange(N)[None])
+    apart = jnp.minimum(steps, N - steps) > 1
+    separates = start * end < 0
+    return jnp.any(separates & separates.T & apart)
+
+
+def powers(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:
+    """The energy balance at one instant."""
+    scene, curves = equation.scene, motion.surfaces.curves
+    weights = curves.weights[..., None]
+
+    def energy(x):
+        return jnp.sum(jax.vmap(lambda x, k: membrane.bending_energy(Curve.from_nodes(x), k))(x, scene.bending))
+
+    _, energy_rate = jax.jvp(energy, (y.x,), (motion.velocity,))
+    out = {}
+    disturbance = motion.velocity
+    if scene.flow is not None:
+        imposed = scene.flow.velocity(y.x, t)
+        disturbance = disturbance - imposed
+        out["power_flow"] = -jnp.sum(weights * motion.f_hd * imposed)
+    if scene.field is not None:
+        out["power_electric"] = -jnp.sum(weights * motion.f_el * motion.velocity)
+    supplied = sum(out.values(), start=jnp.zeros(()))
+    out["dissipation"] = jnp.sum(weights * motion.f_hd * disturbance)
+    out["power_balance"] = energy_rate + out["dissipation"] - supplied
+    return out
+
+
+def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, speed) -> dict[str, Array]:
+    tension = membrane.physical_tension(curve, sigma, bending)
+    cut = equation.filter
+    return {
+        "area": geometry.area(curve),
+        "length": geometry.length(curve),
+        "center": geometry.centroid(curve),
+        "deformation": geometry.deformation(curve, jnp.array([0.0, 1.0])),
+        "inclination": geometry.inclination(curve),
+        "tank_treading_speed": tank_treading_speed(curve, velocity),
+        "bending_energy": membrane.bending_energy(curve, bending),
+        "tension_min": jnp.min(tension),
+        "tension_max": jnp.max(tension),
+        "spectral_tail": fourier.spectral_tail(x, cut.x, axis=0),
+        "tension_tail": fourier.spectral_tail(sigma, cut.surface),
+        "metric_error": jnp.max(jnp.abs(curve.speed / speed - 1)),
+        "self_gap": self_gap(curve),
+    }
+
+
+def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
+    arm = curve.x - geometry.centroid(curve)
+    weights = curve.weights
+    tangential = jnp.abs(jnp.sum(f_el * curve.tangent, axis=-1))
+    normal = jnp.abs(jnp.sum(f_el * curve.normal, axis=-1))
+    return {
+        "dipole": jnp.sum((q[:, None] * arm - V_m[:, None] * curve.normal) * weights[:, None], axis=0),
+        "charge": jnp.sum(q * weights),
+        "max_V_m": jnp.max(jnp.abs(V_m)),
+        "torque": jnp.sum(weights * (arm[:, 0] * f_el[:, 1] - arm[:, 1] * f_el[:, 0])),
+        "traction_ratio": jnp.sum(tangential * weights) / jnp.sum(normal * weights),
+    }
+
+
+def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:
+    """All quantities that this scene has, but for the unwrapped inclination, which needs a history."""
+    scene: Scene = equation.scene
+    curves = motion.surfaces.curves
+
+    def shape(*args):
+        return _of_shape(equation, *args)
+
+    out = jax.vmap(shape)(curves, y.x, motion.velocity, motion.sigma, scene.bending, equation.speed)
+    if scene.field is not None:
+        field = scene.field
+        q = field.contrast()[:, None] * motion.w
+        out |= jax.vmap(_of_field)(curves, q, y.V_m, motion.f_el)
+        direction = field.unit_direction()
+        out["deformation_along_field"] = jax.vmap(geometry.deformation, in_axes=(0, None))(curves, direction)
+        tail = jax.vmap(lambda V_m: fourier.spectral_tail(V_m, equation.filter.surface))(y.V_m)
+        # Before charging starts V_m is round-off, whose spectrum says nothing.
+        charged = out["max_V_m"] > 1e-8
+        out["spectral_tail"] = jnp.maximum(out["spectral_tail"], jnp.where(charged, tail, 0.0))
+    out["stress"] = stress(motion)
+    if scene.flow is not None:
+        out["effective_viscosity"] = scene.flow.effective_viscosity(out["stress"])
+    out |= powers(equation, t, y, motion)
+    out["residual"] = motion.residual
+    return out
+
+
+def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
+    """The integrands of the time averages.
+
+    Angles average as directors: `director` holds cos 2θ and sin 2θ of the inclination θ.
+    """
+    curves = motion.surfaces.curves
+    theta = jax.vmap(geometry.inclination)(curves)
+    return {
+        "stress": stress(motion),
+        "tank_treading_speed": jax.vmap(tank_treading_speed)(curves, motion.velocity),
+        "deformation": jax.vmap(geometry.deformation, in_axes=(0, None))(curves, jnp.array([0.0, 1.0])),
+        "director": jnp.stack([jnp.cos(2 * theta), jnp.sin(2 * theta)], axis=-1),
+    }
+
+
+def averages(means: dict[str, Array], scene: Scene) -> dict[str, Array]:
+    """Time averages as users know them, from the means of `averaged`."""
+    out = {name: means[name] for name in ("stress", "tank_treading_speed", "deformation")}
+    director = means["director"]
+    out["inclination"] = 0.5 * jnp.arctan2(director[..., 1], director[..., 0])
+    if scene.flow is not None:
+        out["effective_viscosity"] = scene.flow.effective_viscosity(means["stress"])
+    return out

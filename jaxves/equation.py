@@ -1,0 +1,338 @@
+r"""The equation of motion F(y) of y = (x, V_m), its frozen linear part A, and its constraints.
+
+    dx/dt   = v_∞ + S[f_hd],     f_hd = -κ_B x_ssss + (σ x_s)_s - f_el,     x_s · (dx/dt)_s = 0
+    dV_m/dt = (Λ/(1+Λ) w - G V_m)/χ
+
+F eliminates the tension σ and the charge w by solving for them. A freezes geometry and tension at one
+instant, one block per membrane; with G the single layer, T σ = (σ x_s)_s, Q v = x_s·v_s:
+
+    A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q        A_V = (Λ/(1+Λ) (½ + S'η)⁻¹ D' - G)/χ
+
+Spectral derivatives cannot see the Nyquist mode, so nothing would damp it: σ and V_m lose it, and x
+loses a band more, because a stretching pattern just below Nyquist is invisible to a σ without it.
+Nothing here knows how time is stepped.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from . import curve as geometry
+from . import electric, fourier, linear, membrane
+from .arrays import PerVesicle, Scalar, VesicleNodes, VesiclePoints
+from .curve import Curve
+from .electric import SurfaceFields
+from .scene import Scene
+from .surface import Surfaces
+
+
+class Unknowns(eqx.Module):
+    """What evolves: nodes (M, N, 2), transmembrane potential (M, N), and running time integrals."""
+
+    x: VesiclePoints
+    V_m: VesicleNodes | None = None
+    integrals: dict[str, Array] | None = None
+
+
+class Motion(eqx.Module):
+    """Everything that holds at one instant, forces and fields included."""
+
+    surfaces: Surfaces
+    velocity: VesiclePoints
+    sigma: VesicleNodes
+    f_hd: VesiclePoints
+    f_el: VesiclePoints | None
+    V_rate: VesicleNodes | None
+    w: VesicleNodes | None
+    fields: SurfaceFields | None
+    residual: Scalar  # worst true relative residual of the linear solves
+    iterations: Array
+
+
+class Filter(eqx.Module):
+    """How many of the highest modes are removed: from x, and from σ and V_m."""
+
+    x: int = eqx.field(static=True)
+    surface: int = eqx.field(static=True, default=1)
+
+    @classmethod
+    def for_nodes(cls, N: int) -> "Filter":
+        """max(2, N/16) from x, Nyquist alone from σ and V_m."""
+        return cls(max(2, N // 16))
+
+
+def _remove_rows(matrix: Float[Array, "N k"], cut: int) -> Float[Array, "N k"]:
+    """Low-pass along the first axis, as a low-rank update."""
+    modes = fourier.high_modes(matrix.shape[0], cut)
+    return matrix - modes @ (modes.T @ matrix)
+
+
+class TensionBlock(eqx.Module):
+    """One membrane's response to its own tension: G T (2, N, N), and -|x_α| Q G T (N, N).
+
+    The second is symmetric and, with the modes of σ that are filtered pinned, positive definite.
+    """
+
+    spread: Float[Array, "2 N N"]
+    stiffness: Float[Array, "N N"]
+
+    @classmethod
+    def of(cls, curve: Curve, laplace_slp, stokes_slp, cut: int) -> "TensionBlock":
+        """From the kernels of one membrane, whose weight |x_α| cancels that of ∂_s."""
+        N = curve.speed.shape[0]
+        D = fourier.derivative_matrix(N)
+        xx, xy, log = stokes_slp.xx @ D, stokes_slp.xy @ D, laplace_slp @ D
+        # G_yy = S + const - G_xx, and ∂ leaves no mean: G_yy ∂ needs no product of its own.
+        yy = log - xx
+        tx, ty = curve.tangent[:, 0], curve.tangent[:, 1]
+        spread = jnp.stack([xx * tx + xy * ty, xy * tx + yy * ty])
+        stiffness = -(tx[:, None] * (D @ spread[0]) + ty[:, None] * (D @ spread[1]))
+        pins = fourier.high_modes(N, cut)
+        left = pins.T @ stiffness
+        stiffness = stiffness - pins @ left - left.T @ pins.T + pins @ (left @ pins + np.eye(pins.shape[1])) @ pins.T
+        # On a circle a uniform tension is a pressure and moves nothing: its mean is set to zero there.
+        radius = jnp.mean(curve.speed)
+        is_circle = jnp.max(jnp.abs(curve.curvature * radius - 1)) < 1e-7
+        return cls(spread, stiffness + jnp.where(is_circle, 1.0 / N, 0.0))
+
+
+class Constraint(eqx.Module):
+    """Inextensibility at one instant, per membrane: how tension moves it, and the factorised stretch it causes."""
+
+    spread: Float[Array, "M 2 N N"]
+    tension: linear.AbstractFactored
+
+
+class Frozen(eqx.Module):
+    """The linear part at one instant, with the constraint that projections use."""
+
+    motion: Motion
+    constraint: Constraint
+    A_x: Float[Array, "M n n"]
+    A_V: Float[Array, "M N N"] | None
+
+    def implicit(self, c: Scalar) -> "Implicit":
+        """The factorised 1 - c A."""
+
+        def shifted(A):
+            return linear.factor_blocks(jnp.eye(A.shape[-1]) - c * A)
+
+        return Implicit(shifted(self.A_x), None if self.A_V is None else shifted(self.A_V))
+
+
+class Implicit(eqx.Module):
+    """1 - c A, ready to be solved with; the identity on running integrals."""
+
+    x: linear.AbstractFactored
+    V_m: linear.AbstractFactored | None
+
+    def solve(self, r: Unknowns) -> Unknowns:
+        """(1 - c A)⁻¹ r."""
+        M, N, _ = r.x.shape
+        columns = jnp.swapaxes(r.x, 1, 2).reshape(M, 2 * N)
+        x = jax.vmap(lambda lu, b: lu.solve(b).value)(self.x, columns)
+        V_m = None if self.V_m is None else jax.vmap(lambda lu, b: lu.solve(b).value)(self.V_m, r.V_m)
+        return Unknowns(jnp.swapaxes(x.reshape(M, 2, N), 1, 2), V_m, r.integrals)
+
+
+class Equation(eqx.Module):
+    """F, A and the constraints for one scene.
+
+    `area` (M,) and `speed` (M,), the arc length per unit of α, are what the projection returns to.
+    """
+
+    scene: Scene
+    area: PerVesicle
+    speed: PerVesicle
+    filter: Filter
+    integrands: object = eqx.field(static=True, default=None)  # (Motion, Scene, t) -> dict, or None
+
+    # -- F ------------------------------------------------------------------------------------
+
+    def motion(self, t: Scalar, y: Unknowns) -> Motion:
+        """F(y) and everything found on the way."""
+        return self._motion(t, y)[0]
+
+    def rate(self, t: Scalar, y: Unknowns) -> Unknowns:
+        """F(y)."""
+        return self._rate(t, self.motion(t, y))
+
+    def rate_of(self, frozen: Frozen, t: Scalar) -> Unknowns:
+        """F(y) at the instant at which `frozen` was frozen."""
+        return self._rate(t, frozen.motion)
+
+    def _rate(self, t: Scalar, motion: Motion) -> Unknowns:
+        integrals = None if self.integrands is None else self.integrands(motion, self.scene, t)
+        return Unknowns(motion.velocity, motion.V_rate, integrals)
+
+    def _constraint(self, surfaces: Surfaces) -> Constraint:
+        blocks = jax.vmap(lambda *parts: TensionBlock.of(*parts, self.filter.surface))(
+            surfaces.curves, surfaces.laplace_slp, surfaces.stokes_slp
+        )
+        return Constraint(blocks.spread, linear.factor_blocks(blocks.stiffness, positive_definite=True))
+
+    def _motion(self, t: Scalar, y: Unknowns):
+        scene = self.scene
+        surfaces = Surfaces.of(y.x, electric=scene.field is not None)
+        curves = surfaces.curves
+        force = jax.vmap(membrane.linear_bending_force)(curves, scene.bending)
+        residual, iterations = jnp.zeros(()), jnp.int32(0)
+
+        f_el = V_rate = w = fields = charge = None
+        if scene.field is not None:
+            with jax.named_scope("electric"):
+                solution, charge = self._charge(t, surfaces, y.V_m)
+                w = solution.value
+                residual = jnp.maximum(residual, jnp.max(solution.residual))
+                iterations = iterations + jnp.max(solution.iterations)
+                V_rate = fourier.low_pass(scene.field.charging_rate(y.V_m, w), self.filter.surface)
+                f_el, fields = self._traction(t, surfaces, y.V_m, w)
+                force = force - f_el
+
+        velocity = surfaces.stokes(force)
+        if scene.flow is not None:
+            velocity = velocity + scene.flow.velocity(y.x, t)
+
+        constraint = self._constraint(surfaces)
+        stretch = curves.speed * jax.vmap(membrane.stretch_rate)(curves, velocity)
+        stretch = fourier.low_pass(stretch, self.filter.surface)
+        solution = jax.vmap(lambda tension, b: tension.solve(b))(constraint.tension, stretch)
+        sigma = solution.value
+        residual = jnp.maximum(residual, jnp.max(solution.residual))
+        iterations = iterations + jnp.max(solution.iterations)
+        f_tension = jax.vmap(membrane.linear_tension_force)(curves, sigma)
+        velocity = velocity + surfaces.stokes(f_tension)
+        velocity = fourier.low_pass(velocity, self.filter.x, axis=1)
+        motion = Motion(
+            surfaces, velocity, sigma, force + f_tension, f_el, V_rate, w, fields, residual, iterations
+        )
+        return motion, constraint, charge
+
+    def _charge(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes):
+        field = self.scene.field
+        curves = surfaces.curves
+        mean = 1.0 / jnp.sum(curves.speed, axis=1, keepdims=True)
+        kernel = surfaces.laplace_slp_dn * field.contrast()[:, None, None] + mean[:, None]
+        matrices = 0.5 * np.eye(V_m.shape[1]) + kernel * curves.speed[:, None, :]
+        flux = curves.normal @ field.E_inf(t) + surfaces.dlp_dn(V_m)
+        charge = linear.factor_blocks(matrices)
+        return jax.vmap(lambda charge, b: charge.solve(b))(charge, flux), charge
+
+    def _traction(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, w: VesicleNodes):
+        field = self.scene.field
+        potential = surfaces.potential(field.contrast()[:, None] * w, V_m)
+        fields = jax.vmap(electric.surface_fields, in_axes=(0, None, 0, 0, 0, 0))(
+            surfaces.curves, field.E_inf(t), field.conductivity_ratio, w, V_m, potential
+        )
+        traction = jax.vmap(electric.maxwell_traction)(surfaces.curves, fields, field.permittivity_ratio)
+        return field.stress_scale() * traction, fields
+
+    # -- A ------------------------------------------------------------------------------------
+
+    def freeze(self, t: Scalar, y: Unknowns) -> Frozen:
+        """A(y), together with F(y)."""
+        motion, constraint, charge = self._motion(t, y)
+        surfaces = motion.surfaces
+        A_x = jax.vmap(self._frozen_shape)(
+            surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint
+        )
+        A_V = None
+        if self.scene.field is not None:
+            field = self.scene.field
+            A_V = jax.vmap(self._frozen_potential)(
+                surfaces.curves,
+                surfaces.laplace_slp,
+                charge,
+                electric.inner_share(field.conductivity_ratio),
+                field.membrane_conductance,
+                field.membrane_chi,
+            )
+        return Frozen(motion, constraint, A_x, A_V)
+
+    def _frozen_shape(self, curve, stokes_slp, sigma, bending, constraint):
+        """A_x on one membrane, (2N, 2N); the metric is taken uniform, which the projection keeps it."""
+        N = sigma.shape[0]
+        D = fourier.derivative_matrix(N)
+        D_low = D @ fourier.low_pass_matrix(N, self.filter.x)
+        D4_low = D @ D @ D @ D_low
+        speed = jnp.mean(curve.speed)
+        K = (-bending / speed**4) * D4_low + (D * (sigma / speed**2)) @ D_low
+        K = speed * K
+        xx, xy, yy = stokes_slp.xx @ K, stokes_slp.xy @ K, stokes_slp.yy @ K
+        d_xx, d_xy, d_yy = D @ xx, D @ xy, D @ yy
+        tx, ty = curve.tangent[:, :1], curve.tangent[:, 1:]
+        stretch = jnp.concatenate([tx * d_xx + ty * d_xy, tx * d_xy + ty * d_yy], axis=1)
+        sigma_response = constraint.tension.solve_columns(_remove_rows(stretch, self.filter.surface))
+        rows = [
+            _remove_rows(row + part @ sigma_response, self.filter.x)
+            for row, part in zip(
+                [jnp.concatenate([xx, xy], 1), jnp.concatenate([xy, yy], 1)], constraint.spread, strict=True
+            )
+        ]
+        return jnp.concatenate(rows, axis=0)
+
+    def _frozen_potential(self, curve, laplace_slp, charge, share, conductance, chi):
+        """A_V on one membrane, (N, N)."""
+        N = curve.speed.shape[0]
+        D = fourier.derivative_matrix(N)
+        cut = self.filter.surface
+        # D · kernel · D over |x_α|, low-passed on the right by its constant factor
+        dlp_dn = (D @ (laplace_slp @ (D @ fourier.low_pass_matrix(N, cut)))) / curve.speed[:, None]
+        response = _remove_rows(share * charge.solve_columns(dlp_dn), cut)
+        return (response - conductance * fourier.low_pass_matrix(N, cut)) / chi
+
+    # -- constraints --------------------------------------------------------------------------
+
+    def filtered(self, y: Unknowns) -> Unknowns:
+        """y without the modes that nothing damps."""
+        V_m = None if y.V_m is None else fourier.low_pass(y.V_m, self.filter.surface)
+        return Unknowns(fourier.low_pass(y.x, self.filter.x, axis=1), V_m, y.integrals)
+
+    def project(self, y: Unknowns, constraint: Constraint) -> Unknowns:
+        """Filter, then one Newton step back to uniform metric and own area, with the operators of `constraint`.
+
+        Quadratic: what a step of order p leaves, of size h^p, comes back as its square.
+        """
+        y = self.filtered(y)
+        dx = jax.vmap(self._correction)(y.x, self.area, self.speed, constraint)
+        return Unknowns(y.x + dx, y.V_m, y.integrals)
+
+    def _correction(self, x, area, speed, constraint):
+        curve = Curve.from_nodes(x)
+        dx = ((area - geometry.area(curve)) / geometry.length(curve)) * curve.normal
+        stretch = curve.speed * (membrane.stretch_rate(curve, dx) - (speed - curve.speed) / speed)
+        mu = constraint.tension.solve(fourier.low_pass(stretch, self.filter.surface)).value
+        return fourier.low_pass(dx + jnp.einsum("aij,j->ia", constraint.spread, mu), self.filter.x, axis=0)
+
+
+    def start(self) -> Unknowns:
+        """The starting state: filtered, then projected until metric and area hold to round-off."""
+        scene = self.scene
+        V_m = None
+        if scene.field is not None:
+            V_m = jnp.zeros(scene.x.shape[:2]) if scene.V_m is None else scene.V_m
+        y = self.filtered(Unknowns(scene.x, V_m))
+
+        def once(y, _):
+            return self.project(y, self._constraint(Surfaces.of(y.x, electric=False))), None
+
+        y, _ = jax.lax.scan(once, y, length=4)
+        if self.integrands is not None:
+            shapes = jax.eval_shape(lambda y: self.rate(jnp.zeros(()), y), y).integrals
+            y = Unknowns(y.x, y.V_m, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), shapes))
+        return y
+
+
+def equation_for(scene: Scene, *, filter: Filter | None = None, integrands=None) -> Equation:
+    """The equation of a scene; areas and perimeters are those of its starting curves."""
+    curves = jax.vmap(Curve.from_nodes)(scene.x)
+    N = scene.x.shape[1]
+    return Equation(
+        scene,
+        jax.vmap(geometry.area)(curves),
+        jax.vmap(geometry.length)(curves) / (2 * np.pi),
+        Filter.for_nodes(N) if filter is None else filter,
+        integrands,
+    )

@@ -1,0 +1,66 @@
+"""How the strength of the imposed field depends on time: a factor on E_∞, 1 for a constant field."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .arrays import Scalar, as_float
+
+
+class AbstractHistory(eqx.Module):
+    """A factor of time, and the instants at which it is not smooth (steps are made to end there)."""
+
+    @abc.abstractmethod
+    def __call__(self, t: Scalar) -> Scalar:
+        """The factor at time t."""
+
+    @abc.abstractmethod
+    def breakpoints(self) -> Float[Array, "B"]:
+        """Instants of kinks or jumps, in order."""
+
+
+class Pulse(AbstractHistory):
+    """0, then 1 from `start` for `duration`, then 0 again, with linear flanks of length `rise`."""
+
+    start: Scalar = eqx.field(converter=as_float)
+    duration: Scalar = eqx.field(converter=as_float)
+    rise: Scalar = eqx.field(converter=as_float)
+
+    def __call__(self, t):
+        up = (t - self.start) / self.rise
+        down = (self.start + self.duration + self.rise - t) / self.rise
+        return jnp.clip(jnp.minimum(up, down), 0.0, 1.0)
+
+    def breakpoints(self):
+        end = self.start + self.duration
+        return jnp.stack([self.start, self.start + self.rise, end, end + self.rise])
+
+
+class Sine(AbstractHistory):
+    """offset + amplitude · sin(2π frequency t + phase); frequency in 1/t_κ, phase in radians."""
+
+    frequency: Scalar = eqx.field(converter=as_float)
+    amplitude: Scalar = eqx.field(converter=as_float, default=1.0)
+    offset: Scalar = eqx.field(converter=as_float, default=0.0)
+    phase: Scalar = eqx.field(converter=as_float, default=0.0)
+
+    def __call__(self, t):
+        return self.offset + self.amplitude * jnp.sin(2 * jnp.pi * self.frequency * t + self.phase)
+
+    def breakpoints(self):
+        return jnp.zeros(0)
+
+
+class Table(AbstractHistory):
+    """Piecewise linear through (times, values), constant before the first and after the last."""
+
+    times: Float[Array, "B"] = eqx.field(converter=as_float)
+    values: Float[Array, "B"] = eqx.field(converter=as_float)
+
+    def __call__(self, t):
+        return jnp.interp(t, self.times, self.values)
+
+    def breakpoints(self):
+        return self.times

@@ -1,0 +1,191 @@
+r"""Linear solves behind one interface: an operator goes in, something that solves with it comes out.
+
+    factored = solver.factor(operator)      once
+    solution = factored.solve(b)            often
+
+`Solution` carries the TRUE relative residual |b - A x|/|b| and the iteration count, so that nothing
+unconverged or NaN passes for an answer. Derivatives are implicit (one more solve, with the transpose);
+they never unroll or differentiate a factorisation.
+"""
+
+import abc
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.scipy.sparse.linalg import gmres
+from jaxtyping import Array, Float, Int
+
+from .arrays import Scalar
+
+Vector = Float[Array, "n"]
+
+
+class Solution(eqx.Module):
+    """x of A x = b, |b - A x| / |b| (0 for b = 0), and how many applications of A it took (0: direct)."""
+
+    value: Vector
+    residual: Scalar
+    iterations: Int[Array, ""]
+
+
+class LinearOperator(eqx.Module):
+    """A square matrix, given densely, by its action, or both; at least one.
+
+    `precondition` is an approximate inverse, used by iterative solvers; `positive_definite` promises a
+    symmetric positive definite matrix, which dense solvers factor at half the cost.
+    """
+
+    matrix: Float[Array, "n n"] | None = None
+    action: Callable[[Vector], Vector] | None = None
+    precondition: Callable[[Vector], Vector] | None = None
+    positive_definite: bool = eqx.field(static=True, default=False)
+
+    def mv(self, v: Vector) -> Vector:
+        """A v."""
+        return self.matrix @ v if self.action is None else self.action(v)
+
+
+class AbstractFactored(eqx.Module):
+    """A linear operator, ready to be solved with."""
+
+    @abc.abstractmethod
+    def solve(self, b: Vector) -> Solution:
+        """x with A x = b."""
+
+
+class AbstractSolver(eqx.Module):
+    """How to solve with a linear operator."""
+
+    @abc.abstractmethod
+    def factor(self, operator: LinearOperator) -> AbstractFactored:
+        """Does the work that all right-hand sides share."""
+
+
+def _relative_residual(mv, x, b) -> Scalar:
+    size = jnp.max(jnp.abs(b))
+    return jnp.max(jnp.abs(b - mv(x))) / jnp.where(size > 0, size, 1.0)
+
+
+class AbstractFactoredDense(AbstractFactored):
+    """Triangular factors of `operator.matrix`."""
+
+    operator: eqx.AbstractVar[LinearOperator]
+
+    @abc.abstractmethod
+    def _substitute(self, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        """A⁻¹ b."""
+
+    @abc.abstractmethod
+    def _substitute_transposed(self, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        """A⁻ᵀ b."""
+
+    def solve_columns(self, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        """A⁻¹ applied to every column."""
+        return lax.custom_linear_solve(
+            lambda v: self.operator.matrix @ v,
+            b,
+            solve=lambda _, b: self._substitute(b),
+            transpose_solve=lambda _, b: self._substitute_transposed(b),
+        )
+
+    def solve(self, b: Vector) -> Solution:
+        x = self.solve_columns(b[:, None])[:, 0]
+        return Solution(x, _relative_residual(self.operator.mv, x, b), jnp.int32(0))
+
+
+class FactoredLU(AbstractFactoredDense):
+    """P A = L U in one array, with the row order of P."""
+
+    operator: LinearOperator
+    lu: Float[Array, "n n"]
+    order: Int[Array, "n"]
+
+    def _substitute(self, b):
+        y = lax.linalg.triangular_solve(self.lu, b[self.order], left_side=True, lower=True, unit_diagonal=True)
+        return lax.linalg.triangular_solve(self.lu, y, left_side=True, lower=False)
+
+    def _substitute_transposed(self, b):
+        y = lax.linalg.triangular_solve(self.lu, b, left_side=True, lower=False, transpose_a=True)
+        z = lax.linalg.triangular_solve(self.lu, y, left_side=True, lower=True, transpose_a=True, unit_diagonal=True)
+        return jnp.zeros_like(z).at[self.order].set(z)
+
+
+class FactoredCholesky(AbstractFactoredDense):
+    """A = L Lᵀ; NaN when A is not positive definite, which the residual then shows."""
+
+    operator: LinearOperator
+    lower: Float[Array, "n n"]
+
+    def _substitute(self, b):
+        y = lax.linalg.triangular_solve(self.lower, b, left_side=True, lower=True)
+        return lax.linalg.triangular_solve(self.lower, y, left_side=True, lower=True, transpose_a=True)
+
+    _substitute_transposed = _substitute
+
+
+class Dense(AbstractSolver):
+    """Cholesky where positive definiteness is promised, else LU with partial pivoting."""
+
+    def factor(self, operator: LinearOperator) -> AbstractFactoredDense:
+        # Solves differentiate implicitly, so the factors themselves carry no derivative.
+        matrix = lax.stop_gradient(operator.matrix)
+        if operator.positive_definite:
+            return FactoredCholesky(operator, lax.linalg.cholesky(matrix, symmetrize_input=False))
+        lu, _, order = lax.linalg.lu(matrix)
+        return FactoredLU(operator, lu, order)
+
+
+class FactoredGMRES(AbstractFactored):
+    """Nothing is factored; the operator's own `precondition` does what sharing there is."""
+
+    operator: LinearOperator
+    tol: float = eqx.field(static=True)
+    restart: int = eqx.field(static=True)
+    max_cycles: int = eqx.field(static=True)
+
+    def solve(self, b: Vector) -> Solution:
+        def iterate(mv, b):
+            def cycle(carry):
+                x, _, count = carry
+                x, _ = gmres(
+                    mv, b, x, tol=self.tol, atol=0.0, restart=self.restart, maxiter=1, M=precondition,
+                    solve_method="incremental",
+                )  # fmt: skip
+                return x, _relative_residual(mv, x, b), count + self.restart
+
+            # JAX's GMRES reports success whatever happens, so each cycle is judged by its true residual.
+            def unconverged(carry):
+                _, residual, count = carry
+                return (residual > self.tol) & (count < self.restart * self.max_cycles)
+
+            start = (jnp.zeros_like(b), jnp.where(jnp.any(b != 0), jnp.inf, 0.0), jnp.int32(0))
+            x, _, count = lax.while_loop(unconverged, cycle, start)
+            return x, count
+
+        precondition = self.operator.precondition
+        x, count = lax.custom_linear_solve(
+            self.operator.mv, b, solve=iterate, transpose_solve=iterate, has_aux=True
+        )
+        return Solution(x, _relative_residual(self.operator.mv, x, b), count)
+
+
+class GMRES(AbstractSolver):
+    """Restarted GMRES of `jax.scipy`, in cycles until the true residual is below `tol`.
+
+    `iterations` counts whole cycles: a multiple of `restart`.
+    """
+
+    tol: float = eqx.field(static=True, default=1e-11)
+    restart: int = eqx.field(static=True, default=12)
+    max_cycles: int = eqx.field(static=True, default=10)
+
+    def factor(self, operator: LinearOperator) -> FactoredGMRES:
+        return FactoredGMRES(operator, self.tol, self.restart, self.max_cycles)
+
+
+def factor_blocks(matrices: Float[Array, "M n n"], *, positive_definite: bool = False) -> AbstractFactoredDense:
+    """Dense factors of each block of a block-diagonal matrix, batched along the first axis."""
+    return jax.vmap(lambda A: Dense().factor(LinearOperator(A, positive_definite=positive_definite)))(matrices)

@@ -1,0 +1,39 @@
+r"""Differences of all pairs of nodes of one curve, formed once and shared by every kernel on it.
+
+The log of the chord is Kress's split [K]:
+
+    log|x_i - x_j| = ½ log(4 sin²((α_i - α_j)/2)) + smooth,      smooth → log|x_α| on the diagonal
+
+[K] R. Kress, Linear Integral Equations, 3rd ed., §12.3.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from ..arrays import NodeMatrix
+from ..curve import Curve
+
+
+class Chords(eqx.Module):
+    """r = x_i - x_j by components, 1/|r|² with a harmless diagonal, and the smooth part of log|r|."""
+
+    rx: NodeMatrix
+    ry: NodeMatrix
+    inverse_r2: NodeMatrix
+    smooth_log: NodeMatrix
+
+    @classmethod
+    def of(cls, curve: Curve) -> "Chords":
+        """All pairs of nodes of `curve`."""
+        N = curve.x.shape[0]
+        eye = np.eye(N)
+        j = np.arange(N)
+        chord2 = 4 * np.sin(np.pi * (j[:, None] - j[None, :]) / N) ** 2 + eye
+        rx = curve.x[:, None, 0] - curve.x[None, :, 0]
+        ry = curve.x[:, None, 1] - curve.x[None, :, 1]
+        # Adding `eye` keeps log, quotient and their gradients finite where the distance is zero;
+        # the diagonal then holds log 1 = 0 and takes its limit.
+        inverse_r2 = 1.0 / (rx**2 + ry**2 + eye)
+        smooth = -0.5 * jnp.log(inverse_r2 * chord2) + eye * jnp.log(curve.speed)
+        return cls(rx, ry, inverse_r2, smooth)

@@ -1,0 +1,114 @@
+r"""Starting shapes: closed curves with nodes equispaced in arc length.
+
+Shapes have perimeter 2π·`length`, so length 1 is the paper's unit a = L/2π. The dependence of an
+ellipse on its reduced area Δ is smooth for Δ < 1; at Δ = 1, ∂x/∂Δ is infinite like 1/√(1-Δ).
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from . import curve, fourier
+from .arrays import NodePoints, Scalar, ScalarLike, as_float
+
+_FINE = 1024  # samples of an ellipse before its nodes are chosen: 16 digits down to Δ = 0.2
+
+
+def circle(N: int, *, length: ScalarLike = 1.0) -> NodePoints:
+    """Radius `length`, first node on the x axis, counter-clockwise."""
+    alpha = fourier.grid(N)
+    return as_float(length) * jnp.stack([jnp.cos(alpha), jnp.sin(alpha)], axis=-1)
+
+
+def _unit_ellipse(ratio: Scalar, N: int) -> NodePoints:
+    alpha = fourier.grid(N)
+    return jnp.stack([jnp.cos(alpha), ratio * jnp.sin(alpha)], axis=-1)
+
+
+def _aspect_ratio(reduced_area: Scalar) -> Scalar:
+    """b/a of the ellipse with 4πA/L² = `reduced_area`; differentiates implicitly."""
+
+    def residual(ratio, target):
+        return curve.reduced_area(curve.Curve.from_nodes(_unit_ellipse(ratio, _FINE))) - target
+
+    solver = optx.Bisection(rtol=1e-15, atol=1e-15)
+    options = dict(lower=1e-3, upper=1.0)
+    at_circle = reduced_area >= 1.0
+    # The bracket of a bisection must change sign; a circle is its end point and needs no search.
+    target = jnp.where(at_circle, 0.5, reduced_area)
+    ratio = optx.root_find(residual, solver, as_float(0.5), args=target, options=options, max_steps=64, throw=False)
+    return jnp.where(at_circle, 1.0, ratio.value)
+
+
+def ellipse(
+    N: int,
+    reduced_area: ScalarLike,
+    *,
+    angle: ScalarLike = 0.0,
+    length: ScalarLike = 1.0,
+) -> NodePoints:
+    """Ellipse of given reduced area Δ in (0, 1] and perimeter, major axis at `angle` radians from x.
+
+    Differentiable in all three numbers (in Δ for Δ < 1).
+    """
+    ratio = _aspect_ratio(as_float(reduced_area))
+    x = equispaced(_unit_ellipse(ratio, _FINE), N)
+    return rotated(scaled(x, length), angle)
+
+
+def through_points(points: Float[np.ndarray, "K 2"], N: int, *, length: float = 1.0) -> NodePoints:
+    """A smooth closed curve through points in order, as nodes; clockwise points are turned round.
+
+    A periodic quintic spline over chord length, resampled. Not differentiable in the points: take
+    derivatives with respect to the nodes it returns.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    points = np.asarray(points, dtype=float)
+    x, y = points.T
+    if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
+        points = points[::-1]
+    closed = np.vstack([points, points[:1]])
+    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    spline = make_interp_spline(chord, closed, k=5, bc_type="periodic")
+    fine = spline(np.linspace(0, chord[-1], _FINE, endpoint=False))
+    return scaled(equispaced(as_float(fine), N), length)
+
+
+def equispaced(x: Float[Array, "K 2"], N: int) -> NodePoints:
+    """N nodes equispaced in arc length on the trigonometric interpolant of `x`, from its first node on."""
+    K = x.shape[0]
+    speed = curve.Curve.from_nodes(x).speed
+    total = jnp.mean(speed)
+    # s(α) = mean(speed) α + a periodic part, integrated mode by mode
+    k = fourier.wavenumbers(K)
+    integral = np.where((k > 0) & (k < K // 2), 1 / np.maximum(k, 1) / 1j, 0)
+    periodic = jnp.fft.irfft(jnp.fft.rfft(speed) * integral, K)
+    periodic = periodic - periodic[0]
+    start = jnp.interp(total * fourier.grid(N), total * fourier.grid(K) + periodic, fourier.grid(K))
+
+    def residual(alpha, data):
+        wanted, (total, periodic) = data
+        return total * alpha + fourier.evaluate(periodic, alpha[None])[0] - wanted
+
+    def parameter(wanted, guess):
+        solver = optx.Newton(rtol=1e-14, atol=1e-14)
+        return optx.root_find(
+            residual, solver, guess, args=(wanted, (total, periodic)), max_steps=16, throw=False
+        ).value
+
+    alpha = jax.vmap(parameter)(total * fourier.grid(N), start)
+    return fourier.evaluate(x, alpha)
+
+
+def scaled(x: NodePoints, length: ScalarLike) -> NodePoints:
+    """About the origin, to perimeter 2π·`length`."""
+    return x * (2 * jnp.pi * as_float(length) / curve.length(curve.Curve.from_nodes(x)))
+
+
+def rotated(x: NodePoints, angle: ScalarLike) -> NodePoints:
+    """About the origin, counter-clockwise, radians."""
+    c, s = jnp.cos(as_float(angle)), jnp.sin(as_float(angle))
+    return x @ jnp.stack([jnp.stack([c, s]), jnp.stack([-s, c])])

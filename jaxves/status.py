@@ -1,0 +1,49 @@
+"""How a run ended: one integer inside compiled code, one word and one line of advice outside.
+
+Codes are ordered by severity, so that several findings combine by maximum.
+"""
+
+COMPLETE = 0
+STEADY = 1
+CLASS_REACHED = 2
+INTERRUPTED = 3
+UNRESOLVED = 4
+DRIFT = 5
+SOLVE_FAILED = 6
+SELF_CONTACT = 7
+STEP_UNDERFLOW = 8
+TOO_MANY_STEPS = 9
+NOT_FINITE = 10
+RUNNING = -1
+
+WORDS = {
+    RUNNING: "running",
+    COMPLETE: "complete",
+    STEADY: "steady",
+    CLASS_REACHED: "class reached",
+    INTERRUPTED: "interrupted",
+    UNRESOLVED: "unresolved",
+    DRIFT: "drift",
+    SOLVE_FAILED: "solve failed",
+    SELF_CONTACT: "self-contact",
+    STEP_UNDERFLOW: "step underflow",
+    TOO_MANY_STEPS: "too many steps",
+    NOT_FINITE: "not finite",
+}
+
+ADVICE = {
+    "running": "The run was cut off; continue it with --resume.",
+    "complete": "",
+    "steady": "The stop condition was met: nothing moves faster than the limit.",
+    "class reached": "The stop condition was met.",
+    "interrupted": "Everything up to here is kept; continue with --resume.",
+    "unresolved": "The nodes no longer resolve the shape, the potential or the tension: use more nodes.",
+    "drift": "Area or perimeter left their values: lower the tolerance or the time step.",
+    "solve failed": "A linear system was not solved to round-off: use more nodes or the dense solver.",
+    "self-contact": "Two parts of one membrane have crossed: use more nodes and a lower tolerance.",
+    "step underflow": "The step fell below its limit: the tolerance is out of reach here; use more nodes or loosen it.",
+    "too many steps": "The step limit was reached: loosen the tolerance or split the run with --resume.",
+    "not finite": "A value overflowed: use a smaller step, or `tolerance` instead of `time_step`.",
+}
+
+SUCCESS = frozenset({"complete", "steady", "class reached"})
