@@ -36,7 +36,7 @@ class Curve(eqx.Module):
         return cls(x, tangent, normal, speed, curvature)
 
     @property
-    def weights(self) -> Nodes:
+    def weights(self) -> Float[Array, "*batch N"]:
         """Arc-length quadrature weights of the trapezoidal rule, spectrally accurate."""
         return self.speed * (2 * np.pi / self.speed.shape[-1])
 

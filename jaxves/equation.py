@@ -79,8 +79,11 @@ class TensionBlock(eqx.Module):
     stiffness: Float[Array, "N N"]
 
     @classmethod
-    def of(cls, curve: Curve, laplace_slp, stokes_slp, cut: int) -> "TensionBlock":
-        """From the kernels of one membrane, whose weight |x_α| cancels that of ∂_s."""
+    def of(cls, curve: Curve, laplace_slp, stokes_slp, is_circle, cut: int) -> "TensionBlock":
+        """From the kernels of one membrane, whose weight |x_α| cancels that of ∂_s.
+
+        On a circle a uniform tension is a pressure and moves nothing: the gauge is mean σ = 0.
+        """
         N = curve.speed.shape[0]
         D = fourier.derivative_matrix(N)
         xx, xy, log = stokes_slp.xx @ D, stokes_slp.xy @ D, laplace_slp @ D
@@ -92,9 +95,6 @@ class TensionBlock(eqx.Module):
         pins = fourier.high_modes(N, cut)
         left = pins.T @ stiffness
         stiffness = stiffness - pins @ left - left.T @ pins.T + pins @ (left @ pins + np.eye(pins.shape[1])) @ pins.T
-        # On a circle a uniform tension is a pressure and moves nothing: its mean is set to zero there.
-        radius = jnp.mean(curve.speed)
-        is_circle = jnp.max(jnp.abs(curve.curvature * radius - 1)) < 1e-7
         return cls(spread, stiffness + jnp.where(is_circle, 1.0 / N, 0.0))
 
 
@@ -149,6 +149,10 @@ class Equation(eqx.Module):
     filter: Filter
     integrands: object = eqx.field(static=True, default=None)  # (Motion, Scene, t) -> dict, or None
 
+    def is_circle(self) -> Array:
+        """Which vesicles hold all the area that their perimeter allows, to rounding; (M,) booleans."""
+        return self.area > (1 - 1e-10) * jnp.pi * self.speed**2
+
     # -- F ------------------------------------------------------------------------------------
 
     def motion(self, t: Scalar, y: Unknowns) -> Motion:
@@ -169,7 +173,7 @@ class Equation(eqx.Module):
 
     def _constraint(self, surfaces: Surfaces) -> Constraint:
         blocks = jax.vmap(lambda *parts: TensionBlock.of(*parts, self.filter.surface))(
-            surfaces.curves, surfaces.laplace_slp, surfaces.stokes_slp
+            surfaces.curves, surfaces.laplace_slp, surfaces.stokes_slp, self.is_circle()
         )
         return Constraint(blocks.spread, linear.factor_blocks(blocks.stiffness, positive_definite=True))
 

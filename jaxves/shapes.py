@@ -4,6 +4,8 @@ Shapes have perimeter 2π·`length`, so length 1 is the paper's unit a = L/2π. 
 ellipse on its reduced area Δ is smooth for Δ < 1; at Δ = 1, ∂x/∂Δ is infinite like 1/√(1-Δ).
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -42,6 +44,7 @@ def _aspect_ratio(reduced_area: Scalar) -> Scalar:
     return jnp.where(at_circle, 1.0, ratio.value)
 
 
+@functools.partial(jax.jit, static_argnames="N")
 def ellipse(
     N: int,
     reduced_area: ScalarLike,

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 
 from . import curve as geometry
 from . import diagnostics, membrane, status
-from .arrays import PerVesicle, Scalar, as_float
+from .arrays import PerVesicle, Scalar, Status, as_float
 from .curve import Curve
 from .equation import Equation, Filter, Frozen, Unknowns, equation_for
 from .scene import Scene
@@ -256,7 +256,7 @@ class Checks(eqx.Module):
     drift: float = eqx.field(static=True, default=1e-2)
     steady: Scalar | None = None
 
-    def judge(self, equation: Equation, t: Scalar, y: Unknowns, row: dict[str, Array]) -> Scalar:
+    def judge(self, equation: Equation, t: Scalar, y: Unknowns, row: dict[str, Array]) -> Status:
         """The status that one saved instant calls for."""
         code = jnp.int32(status.RUNNING)
         if self.steady is not None:

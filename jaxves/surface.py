@@ -23,9 +23,9 @@ class Surfaces(eqx.Module):
     """M membranes: frames, and the kernels of their self-interaction (M, N, N), which act on |x_α| times a density."""
 
     curves: Curve
-    laplace_slp: Float[Array, "M N N"]
+    laplace_slp: Float[Array, "*batch N N"]
     stokes_slp: StokesBlocks
-    laplace_slp_dn: Float[Array, "M N N"] | None
+    laplace_slp_dn: Float[Array, "*batch N N"] | None
 
     @classmethod
     def of(cls, x: VesiclePoints, *, electric: bool) -> "Surfaces":

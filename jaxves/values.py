@@ -1,0 +1,79 @@
+"""What the keys of a scene file may be, each type with the words for it."""
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from . import outlines
+from .tables import Expect, number, refusal
+
+
+def _if(holds: Callable[[Any], bool]) -> AfterValidator:
+    def check(value):
+        if not holds(value):
+            raise ValueError
+        return value
+
+    return AfterValidator(check)
+
+
+def _unit(value: tuple[float, float]) -> tuple[float, float]:
+    size = math.hypot(*value)
+    if size == 0:
+        raise ValueError
+    # A unit vector stays as it is, to the last bit.
+    return value if abs(size - 1) < 1e-15 else (value[0] / size, value[1] / size)
+
+
+def _curve(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    try:
+        return tuple(map(tuple, outlines.counter_clockwise(np.reshape(value, (-1, 2))).tolist()))
+    except ValueError as error:
+        raise refusal(str(error)) from None
+
+
+def _increasing(value: tuple[float, ...]) -> bool:
+    return all(a < b for a, b in itertools.pairwise(value))
+
+
+def _trace_free(value: tuple[tuple[float, float], ...]) -> bool:
+    return abs(value[0][0] + value[1][1]) <= 1e-12 * max(map(abs, value[0] + value[1]))
+
+
+Finite = number("a finite number")
+Positive = number("a positive finite number", gt=0)
+NotNegative = number("a finite number >= 0", ge=0)
+Ratio = number("a number >= 0, or inf", finite=False, ge=0)
+ReducedArea = number("a number in (0, 1]", gt=0, le=1)
+Tolerance = number("a number in [1e-12, 0.1]", ge=1e-12, le=0.1)
+NonzeroNumber = Annotated[Finite, _if(lambda value: value != 0), Expect("a finite number other than zero")]
+Count = Annotated[int, Field(ge=1), Expect("a whole number >= 1")]
+NodeCount = Annotated[
+    Annotated[int, Field(ge=16), _if(lambda value: value % 2 == 0)] | Literal["auto"],
+    Expect('an even whole number >= 16, or "auto"'),
+]
+Flag = Annotated[bool, Expect("true or false")]
+Text = Annotated[str, Expect("a text in quotes")]
+
+# TOML's arrays are kept as tuples; their numbers stay strict.
+_ARRAY = Field(strict=False)
+Pair = Annotated[tuple[Finite, Finite], _ARRAY, Expect("two finite numbers")]
+Direction = Annotated[Pair, AfterValidator(_unit), Expect("two finite numbers, not both zero")]
+Window = Annotated[
+    Pair,
+    _if(lambda value: 0 <= value[0] < value[1]),
+    Expect("two times [a, b] with 0 <= a < b <= t_end"),
+]
+Numbers = Annotated[tuple[Finite, ...], _ARRAY, Expect("a list of finite numbers")]
+Times = Annotated[Numbers, Field(min_length=2), _if(_increasing), Expect("two or more increasing times")]
+Gradient = Annotated[
+    tuple[Pair, Pair],
+    _ARRAY,
+    _if(_trace_free),
+    Expect("a trace-free gradient [[a, b], [c, -a]] of finite numbers"),
+]
+PointList = Annotated[tuple[Pair, ...], _ARRAY, Expect("a list of points [x, y]"), AfterValidator(_curve)]

@@ -1,0 +1,40 @@
+"""Shapes that many tests loop over, and the exact solutions on a circle."""
+
+import os
+
+# Small LAPACK calls are slower on two threads than on one; set before NumPy loads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxves  # noqa: F401  (switches double precision on)
+from jaxves import fourier
+
+
+def circle(N, radius=1.0):
+    alpha = fourier.grid(N)
+    return radius * jnp.stack([jnp.cos(alpha), jnp.sin(alpha)], axis=-1)
+
+
+def ellipse(N, a=1.4, b=0.7):
+    """In its own angle: nodes not equispaced in arc length."""
+    alpha = fourier.grid(N)
+    return jnp.stack([a * jnp.cos(alpha), b * jnp.sin(alpha)], axis=-1)
+
+
+def star(N):
+    alpha = fourier.grid(N)
+    return (1 + 0.2 * jnp.cos(3 * alpha))[:, None] * jnp.stack([jnp.cos(alpha), jnp.sin(alpha)], axis=-1)
+
+
+@pytest.fixture(params=[ellipse, star], ids=["ellipse", "star"])
+def shape(request):
+    """A function N -> nodes (N, 2)."""
+    return request.param
+
+
+def observed_order(sizes, errors):
+    """Slope of log(error) against log(size)."""
+    return np.polyfit(np.log(np.asarray(sizes)), np.log(np.asarray(errors)), 1)[0]

@@ -1,0 +1,108 @@
+"""Fourier calculus, curves and starting shapes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import ellipse, star
+
+from jaxves import curve, fourier, shapes
+from jaxves.curve import Curve
+
+
+@pytest.mark.parametrize("N", [64, 256])  # below and above the size at which matrices give way to transforms
+def test_derivative_is_exact_for_resolved_modes(N):
+    alpha = fourier.grid(N)
+    f = jnp.stack([jnp.sin(3 * alpha), jnp.cos((N // 2 - 1) * alpha)])
+    exact = jnp.stack([3 * jnp.cos(3 * alpha), -(N // 2 - 1) * jnp.sin((N // 2 - 1) * alpha)])
+    np.testing.assert_allclose(fourier.derivative(f), exact, atol=1e-13 * N**2)
+    np.testing.assert_allclose(fourier.derivative(f.T, axis=0), exact.T, atol=1e-13 * N**2)
+    np.testing.assert_allclose(f @ fourier.derivative_matrix(N).T, exact, atol=1e-13 * N**2)
+
+
+@pytest.mark.parametrize("N", [64, 256])
+def test_low_pass_removes_the_highest_modes_and_nothing_else(N):
+    alpha = fourier.grid(N)
+    low, high = jnp.cos((N // 2 - 3) * alpha), jnp.sin((N // 2 - 2) * alpha) + (-1.0) ** np.arange(N)
+    np.testing.assert_allclose(fourier.low_pass(low + high, 3), low, atol=1e-12)
+    basis = fourier.high_modes(N, 3)
+    np.testing.assert_allclose(np.eye(N) - basis @ basis.T, fourier.low_pass_matrix(N, 3), atol=1e-12)
+
+
+def test_resampling_and_evaluation_follow_the_interpolant():
+    f = jnp.exp(jnp.sin(fourier.grid(48)))
+    np.testing.assert_allclose(fourier.resample(f, 96), jnp.exp(jnp.sin(fourier.grid(96))), atol=1e-12)
+    np.testing.assert_allclose(fourier.resample(fourier.resample(f, 96), 48), f, atol=1e-13)
+    alpha = jnp.array([0.1, 2.0, 6.0])
+    np.testing.assert_allclose(fourier.evaluate(f, alpha), jnp.exp(jnp.sin(alpha)), atol=1e-12)
+
+
+def test_geometry_of_an_ellipse():
+    a, b = 1.4, 0.7
+    c = Curve.from_nodes(ellipse(96, a, b))
+    np.testing.assert_allclose(curve.area(c), np.pi * a * b, rtol=1e-13)
+    from scipy.special import ellipe
+
+    np.testing.assert_allclose(curve.length(c), 4 * a * ellipe(1 - (b / a) ** 2), rtol=1e-12)
+    np.testing.assert_allclose(c.curvature[0], a / b**2, rtol=1e-10)
+    moments = np.pi * a * b / 4 * np.diag([a**2, b**2])
+    np.testing.assert_allclose(curve.second_moments(c), moments, atol=1e-13)
+    np.testing.assert_allclose(curve.deformation(c, jnp.array([0.0, 1.0])), (b - a) / (b + a), rtol=1e-12)
+
+
+@pytest.mark.parametrize("degrees", [-89.0, -30.0, 0.0, 45.0, 90.0])
+def test_inclination_and_centroid_follow_a_rotation_and_a_shift(degrees):
+    x = shapes.rotated(star(64) * jnp.array([2.0, 1.0]), jnp.deg2rad(degrees)) + jnp.array([3.0, -1.0])
+    unturned = Curve.from_nodes(star(64) * jnp.array([2.0, 1.0]))
+    angle = curve.inclination(Curve.from_nodes(x)) - curve.inclination(unturned)
+    assert abs(np.mod(angle - np.deg2rad(degrees) + np.pi / 2, np.pi) - np.pi / 2) < 1e-12
+    expected = shapes.rotated(curve.centroid(unturned)[None], jnp.deg2rad(degrees))[0] + jnp.array([3.0, -1.0])
+    np.testing.assert_allclose(curve.centroid(Curve.from_nodes(x)), expected, atol=1e-13)
+
+
+def test_the_gradient_of_the_inclination_is_finite_at_a_circle():
+    gradient = jax.grad(lambda x: curve.inclination(Curve.from_nodes(x)))(shapes.circle(32))
+    assert np.all(np.isfinite(gradient))
+
+
+@pytest.mark.parametrize("reduced_area", [0.7, 0.9, 0.999, 1.0])
+def test_ellipse_has_the_reduced_area_and_perimeter_asked_for(reduced_area):
+    c = Curve.from_nodes(shapes.ellipse(128, reduced_area, angle=0.3, length=1.7))
+    np.testing.assert_allclose(curve.reduced_area(c), reduced_area, rtol=1e-11)
+    np.testing.assert_allclose(curve.length(c), 2 * np.pi * 1.7, rtol=1e-11)
+    if reduced_area < 1:
+        np.testing.assert_allclose(curve.inclination(c), 0.3, atol=1e-10)
+
+
+def test_a_slender_ellipse_approaches_its_reduced_area_spectrally():
+    errors = [abs(curve.reduced_area(Curve.from_nodes(shapes.ellipse(N, 0.4))) / 0.4 - 1) for N in (64, 128, 256)]
+    assert errors[1] < 0.1 * errors[0]
+    assert errors[2] < 1e-2 * errors[1]
+
+
+def test_nodes_of_an_ellipse_are_equispaced():
+    speed = Curve.from_nodes(shapes.ellipse(128, 0.8)).speed
+    np.testing.assert_allclose(speed, 1.0, atol=1e-8)
+
+
+def test_ellipse_differentiates_in_its_reduced_area():
+    def second_node(delta):
+        return shapes.ellipse(64, delta, angle=0.2)[5]
+
+    forward = jax.jacfwd(second_node)(0.8)
+    reverse = jax.jacrev(second_node)(0.8)
+    h = 1e-4
+    richardson = (
+        8 * (second_node(0.8 + h) - second_node(0.8 - h)) - (second_node(0.8 + 2 * h) - second_node(0.8 - 2 * h))
+    ) / (12 * h)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-9)
+    np.testing.assert_allclose(forward, richardson, rtol=1e-7)
+
+
+def test_a_curve_through_points_of_an_ellipse_is_that_ellipse_either_way_round():
+    points = np.asarray(ellipse(200))
+    for given in (points, points[::-1]):
+        c = Curve.from_nodes(shapes.through_points(given, 64, length=1.0))
+        np.testing.assert_allclose(curve.length(c), 2 * np.pi, rtol=1e-6)
+        np.testing.assert_allclose(curve.reduced_area(c), curve.reduced_area(Curve.from_nodes(ellipse(96))), rtol=1e-6)
+        assert np.ptp(c.speed) < 1e-4

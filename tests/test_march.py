@@ -1,0 +1,216 @@
+"""Marching in time: order, constraints, tolerance, ends, and derivatives of whole runs."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import circle, observed_order
+
+from jaxves import fourier, shapes, status, steppers
+from jaxves.flow import Shear
+from jaxves.history import Pulse
+from jaxves.scene import Scene, dc_field, scene
+from jaxves.simulate import Adaptive, Checks, Fixed, simulate
+
+
+def pop():
+    return scene(shapes.ellipse(64, 0.9, angle=jnp.pi / 2), field=dc_field(3.2, conductivity_ratio=0.1))
+
+
+def treading():
+    """Tank-treading in a field, from 20°."""
+    field = dc_field(6.4, conductivity_ratio=0.1, membrane_conductance=4.0)
+    return scene(shapes.ellipse(64, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
+
+
+@eqx.filter_jit
+def run(s, t_end, march, saves=1, checks=None, average=None):
+    return simulate(s, t_end, saves=saves, march=march, checks=checks, average=average)
+
+
+SCENES = {"pop": (pop, 0.1, 5, [10, 20, 40], 160), "treading": (treading, 0.1, 5, [15, 30, 60], 240)}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_fourth_order_method_is_of_fourth_order_in_shape_potential_and_tension(name):
+    make, t_end, _, steps, fine = SCENES[name]
+    reference = run(make(), t_end, Fixed(fine))
+    errors = {"x": [], "V_m": [], "tension": []}
+    for n in steps:
+        result = run(make(), t_end, Fixed(n))
+        assert result.word == "complete"
+        for part, found in errors.items():
+            found.append(jnp.max(jnp.abs(getattr(result, part)[-1] - getattr(reference, part)[-1])))
+        assert abs(result.diagnostics["area"][-1] / result.diagnostics["area"][0] - 1) < 1e-9
+        assert abs(result.diagnostics["length"][-1] / result.diagnostics["length"][0] - 1) < 1e-9
+    for part, found in errors.items():
+        assert observed_order([1 / n for n in steps], found) > 3.7, (part, found)
+
+
+def test_the_papers_scheme_is_of_first_order():
+    march = [Fixed(n, steppers.SemiImplicitEuler(), projection=False) for n in (20, 40, 80)]
+    reference = run(pop(), 0.1, Fixed(80))
+    errors = [jnp.max(jnp.abs(run(pop(), 0.1, m).x[-1] - reference.x[-1])) for m in march]
+    assert abs(observed_order([1 / 20, 1 / 40, 1 / 80], errors) - 1) < 0.2, errors
+
+
+def test_tableaus_meet_the_order_conditions_they_claim():
+    """Row sums agree; Σ b c^k = 1/(k+1) for both weights; embedded weights one order less."""
+    for stepper in (steppers.ARK4(), steppers.ARK5()):
+        table = stepper.tableau
+        np.testing.assert_allclose(table.implicit.sum(axis=1), table.times, atol=2e-15)
+        embedded = table.weights - table.error_weights
+        for k in range(stepper.order):
+            np.testing.assert_allclose(table.weights @ table.times**k, 1 / (k + 1), atol=1e-14)
+            if k < stepper.order - 1:
+                np.testing.assert_allclose(embedded @ table.times**k, 1 / (k + 1), atol=1e-14)
+        for left in (table.explicit, table.implicit):  # the order-3 tree Σ b a c = 1/6
+            np.testing.assert_allclose(table.weights @ left @ table.times, 1 / 6, atol=1e-14)
+
+
+@pytest.mark.parametrize("stepper", [steppers.ARK4(), steppers.ARK5()], ids=["ARK4", "ARK5"])
+def test_the_error_follows_the_tolerance(stepper):
+    reference = run(pop(), 0.3, Adaptive(1e-8, steppers.ARK5()), saves=3)
+    tolerances = [1e-3, 1e-4, 1e-5]
+    errors = []
+    for tolerance in tolerances:
+        result = run(pop(), 0.3, Adaptive(tolerance, stepper), saves=3)
+        errors.append(jnp.max(jnp.abs(result.x - reference.x)))
+        assert errors[-1] < 10 * tolerance
+    assert 0.6 < observed_order(tolerances, errors) < 1.6, errors
+
+
+def test_charging_of_a_circle_is_the_closed_form():
+    """V_m = 2Λ/(1+Λ)/r · sin θ · (1 - e^{-rt/χ}), r = G + Λ/(1+Λ): β = 0 leaves the circle at rest."""
+    ratio, G, chi = 5.0, 0.5, 0.08
+    s = scene(circle(32), field=dc_field(0.0, conductivity_ratio=ratio, membrane_conductance=G, chi=chi))
+    result = run(s, 0.2, Fixed(100), saves=4)
+    rate = G + ratio / (1 + ratio)
+    exact = 2 * ratio / (1 + ratio) / rate * (1 - jnp.exp(-rate * result.t / chi))
+    error = result.V_m[:, 0] - exact[:, None] * jnp.sin(fourier.grid(32))
+    assert jnp.max(jnp.abs(error)) < 1e-8
+
+
+def test_a_net_potential_decays_at_the_rate_of_the_conductance():
+    """∮ V_m ds ~ e^{-Gt/χ}, whatever the shape does."""
+    s = pop()
+    field = eqx.tree_at(lambda f: f.membrane_conductance, s.field, jnp.array([0.2]))
+    s = Scene(s.x, s.bending, field, None, 0.3 * jnp.ones((1, 64)))
+    result = run(s, 0.1, Adaptive(1e-7), saves=2)
+    np.testing.assert_allclose(jnp.mean(result.V_m[-1]), 0.3 * jnp.exp(-0.2 * 0.1 / 0.08), rtol=1e-6)
+
+
+def test_without_field_and_flow_the_bending_energy_only_falls():
+    result = run(scene(shapes.ellipse(64, 0.7)), 0.5, Adaptive(1e-5), saves=20)
+    energy = result.diagnostics["bending_energy"][:, 0]
+    assert jnp.all(jnp.diff(energy) < 1e-9)
+    assert energy[0] - energy[-1] > 0.1
+
+
+def test_the_mirror_symmetry_of_a_start_is_kept():
+    result = run(pop(), 0.2, Adaptive(1e-5), saves=1)
+    x = result.x[-1, 0]
+    reflected = jnp.roll((x * jnp.array([1.0, -1.0]))[::-1], 1, axis=0)  # α → -α about the first node, on the y axis
+    mirrored = jnp.roll((x * jnp.array([-1.0, 1.0]))[::-1], 1, axis=0)
+    assert min(jnp.max(jnp.abs(reflected - x)), jnp.max(jnp.abs(mirrored - x))) < 1e-9
+
+
+def test_projection_is_worth_its_price():
+    """Same steps without it: area and length drift, and the shape is further off."""
+    reference = run(pop(), 0.2, Fixed(100))
+    errors, drifts = {}, {}
+    for on in (True, False):
+        result = run(pop(), 0.2, Fixed(20, projection=on))
+        errors[on] = jnp.max(jnp.abs(result.x[-1] - reference.x[-1]))
+        drifts[on] = abs(result.diagnostics["length"][-1, 0] / (2 * np.pi) - 1)
+    assert drifts[False] > 1e2 * drifts[True]
+    assert errors[False] > 2 * errors[True]
+
+
+def test_an_adaptive_run_stops_where_the_tolerance_is_out_of_reach():
+    result = run(treading(), 1.0, Adaptive(1e-3, smallest=1e-3), saves=4)
+    assert result.word == "step underflow"
+    assert jnp.isnan(result.t[-1])
+
+
+def test_a_fixed_step_that_is_too_large_ends_with_a_name():
+    result = run(treading(), 1.0, Fixed(2), saves=4)
+    assert result.word in {"not finite", "drift", "unresolved", "self-contact", "solve failed"}
+
+
+def test_too_few_nodes_are_named_unresolved():
+    s = scene(shapes.ellipse(24, 0.5, angle=jnp.pi / 2), field=dc_field(12.8, conductivity_ratio=0.1))
+    result = run(s, 0.1, Adaptive(1e-3), saves=10)
+    assert int(result.status) >= status.UNRESOLVED
+
+
+def test_a_steady_state_ends_the_run_early():
+    result = run(scene(shapes.ellipse(48, 0.9)), 20.0, Adaptive(1e-5), saves=20, checks=Checks(steady=jnp.asarray(1e-4)))
+    assert result.word == "steady"
+    assert jnp.isnan(result.t[-1])
+
+
+def test_time_averages_are_those_of_a_fine_history():
+    result = run(treading(), 0.4, Adaptive(1e-6), saves=40, average=jnp.array([0.2, 0.4]))
+    late = result.t >= 0.2 - 1e-12
+    t, mu = result.t[late], result.diagnostics["effective_viscosity"][late]
+    np.testing.assert_allclose(result.averages["effective_viscosity"], np.trapezoid(mu, t) / 0.2, rtol=1e-3)
+    theta = result.diagnostics["inclination"][late, 0]
+    np.testing.assert_allclose(result.averages["inclination"][0], np.trapezoid(theta, t) / 0.2, rtol=1e-3)
+
+
+def test_a_pulse_ends_and_the_vesicle_discharges():
+    s = pop()
+    s = eqx.tree_at(lambda s: s.field.history, s, Pulse(0.02, 0.05, 1e-3), is_leaf=lambda v: v is None)
+    result = run(s, 0.4, Adaptive(1e-4), saves=20)
+    V = result.diagnostics["max_V_m"][:, 0]
+    assert result.word == "complete"
+    assert V[1] < 1e-6 < 0.05 < jnp.max(V)
+    assert V[-1] < 0.5 * jnp.max(V)
+
+
+@pytest.mark.parametrize("leaf", ["beta", "conductivity_ratio", "membrane_conductance", "chi", "capillary_number"])
+def test_runs_differentiate_forward_backward_and_as_differences_do(leaf):
+    """d(mean deformation and viscosity)/d(parameter) through 4 fixed steps of the coupled problem."""
+    where = {
+        "beta": lambda s: s.field.beta,
+        "conductivity_ratio": lambda s: s.field.conductivity_ratio,
+        "membrane_conductance": lambda s: s.field.membrane_conductance,
+        "chi": lambda s: s.field.membrane_chi,
+        "capillary_number": lambda s: s.flow.capillary_number,
+    }[leaf]
+    base = treading()
+
+    @jax.jit
+    def outcome(scale):
+        s = eqx.tree_at(where, base, where(base) * scale)
+        result = simulate(s, 0.01, saves=1, march=Fixed(4))
+        d = result.diagnostics
+        return d["deformation"][-1, 0] + 0.1 * d["effective_viscosity"][-1] + 0.1 * d["max_V_m"][-1, 0]
+
+    one = jnp.ones(())
+    forward, reverse = jax.jvp(outcome, (one,), (one,))[1], jax.grad(outcome)(one)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-8)
+    h = 1e-3
+
+    def difference(h):
+        return (outcome(one + h) - outcome(one - h)) / (2 * h)
+
+    np.testing.assert_allclose(forward, (4 * difference(h) - difference(2 * h)) / 3, rtol=1e-6)
+
+
+def test_a_batch_of_scenes_is_the_scenes_one_by_one():
+    base = pop()
+    betas = jnp.array([1.0, 3.2])
+
+    def outcome(beta):
+        s = eqx.tree_at(lambda s: s.field.beta, base, beta)
+        result = simulate(s, 0.05, saves=1, march=Adaptive(1e-4))
+        return result.x[-1], result.state.steps
+
+    x, steps = jax.jit(jax.vmap(outcome))(betas)
+    for i in range(2):
+        alone, count = jax.jit(outcome)(betas[i])
+        assert steps[i] == count
+        np.testing.assert_allclose(x[i], alone, atol=1e-10)

@@ -1,0 +1,207 @@
+"""Figures: made without a display, with the artists, labels and scales they promise."""
+
+import sys
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.text import Annotation
+
+from jaxves import plot, shapes
+from jaxves.around import around
+from jaxves.equation import Unknowns, equation_for
+from jaxves.scene import dc_field, scene
+
+T, N = 7, 32
+FIELD = "[field]\ndirection = [0.0, 1.0]\n"
+SHEAR = '[flow]\nkind = "shear"\ncapillary_number = 10.0\n'
+
+
+@pytest.fixture(autouse=True)
+def _no_pyplot(monkeypatch):
+    """No figure needs pyplot, with its display and its global state: importing it is an error here."""
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+
+
+def record(M=1, text=FIELD, electric=True):
+    """M breathing ellipses, charged more and more."""
+    t = np.linspace(0.0, 0.6, T)
+    theta = 2 * np.pi * np.arange(N) / N
+    x = np.stack([(1 + t)[:, None] * np.cos(theta), (1 - 0.5 * t)[:, None] * np.sin(theta)], axis=-1)
+    x = x[:, None] + 3.0 * np.arange(M)[:, None, None]
+    V_m = (t[:, None, None] + 0.1) * np.broadcast_to(np.sin(theta), (T, M, N))
+    tension = 2.0 + np.broadcast_to(np.cos(2 * theta), (T, M, N))
+    each = np.linspace(0, 1, T)[:, None] * np.ones(M)
+    diagnostics = {"deformation": each, "inclination": each, "stress": np.ones((T, 2, 2))}
+    V_m = V_m if electric else None
+    return SimpleNamespace(t=t, x=x, V_m=V_m, tension=tension, diagnostics=diagnostics, scene=text)
+
+
+def curves(ax):
+    return [artist for artist in ax.collections if isinstance(artist, LineCollection)]
+
+
+def segments_of(lines):
+    """Two-point pieces (K, 2, 2) of polylines."""
+    pairs = [np.stack([line[:-1], line[1:]], axis=1) for line in lines.get_segments() if len(line) > 1]
+    return np.concatenate(pairs)
+
+
+def labels(figure):
+    figure.draw_without_rendering()
+    return [text.get_text() for text in figure.findobj(Annotation)]
+
+
+def test_a_membrane_is_closed_and_passes_through_its_nodes():
+    ax = Figure().add_subplot()
+    x = record(2).x[3]
+    segments = np.array(plot.membranes(ax, x).get_segments())
+    assert len(segments) == 2 * 512
+    for m in range(2):
+        own = segments[512 * m : 512 * (m + 1)]
+        np.testing.assert_allclose(own[:, 1], np.roll(own[:, 0], -1, axis=0))
+        np.testing.assert_allclose(own[:: 512 // N, 0], x[m], atol=1e-12)
+    assert ax.get_aspect() == 1
+
+
+def test_a_membrane_is_coloured_by_the_values_at_its_nodes():
+    ax = Figure().add_subplot()
+    V_m = record().V_m[-1]
+    drawn = plot.membranes(ax, record().x[-1], V_m)
+    # The value of a segment lies half of 1/512 of the way past the node: an error of π/512 times the slope.
+    np.testing.assert_allclose(drawn.get_array()[:: 512 // N], V_m[0], atol=1.1 * np.pi / 512 * np.abs(V_m).max())
+    assert drawn.get_clim()[0] == -drawn.get_clim()[1]
+    drawn.update_scalarmappable()
+    assert len(np.unique(drawn.get_edgecolor(), axis=0)) > 100
+    # dark where V_m vanishes, so that no part of a membrane fades into the page
+    assert max(drawn.cmap(0.5)[:3]) < 0.2
+
+
+def test_values_of_one_sign_are_scaled_from_least_to_greatest():
+    assert plot.scale(np.array([2.0, 5.0, np.nan])).get_clim() == (2.0, 5.0)
+    assert plot.scale(np.array([-2.0, 5.0])).get_clim() == (-5.0, 5.0)
+
+
+def test_snapshots_share_window_and_colours():
+    figure = plot.snapshots(record(2), times=[0.0, 0.29, 0.6])
+    panels = [ax for ax in figure.axes if ax.get_title()]
+    assert [ax.get_title() for ax in panels] == [rf"$t = {t}\,t_\kappa$" for t in ("0", "0.3", "0.6")]
+    assert len({(*ax.get_xlim(), *ax.get_ylim()) for ax in panels}) == 1
+    assert len({curves(ax)[0].get_clim() for ax in panels}) == 1
+    assert sum("V_m" in ax.get_ylabel() for ax in figure.axes) == 1
+
+
+def test_snapshots_show_the_imposed_field_and_flow_that_are_there():
+    assert r"$\mathbf{E}_\infty$" in labels(plot.snapshots(record()))
+    both = labels(plot.snapshots(record(text=FIELD + SHEAR)))
+    assert {r"$\mathbf{E}_\infty$", r"$\mathbf{v}_\infty$"} <= set(both)
+    neither = record(text="", electric=False)
+    assert labels(plot.snapshots(neither)) == ["$a$"]
+    del neither.scene
+    assert labels(plot.snapshots(neither)) == ["$a$"]
+
+
+def test_no_labels_of_snapshots_overlap():
+    figure = plot.snapshots(record(2, FIELD + SHEAR), count=8)
+    figure.draw_without_rendering()
+    renderer = figure.canvas.get_renderer() if hasattr(figure.canvas, "get_renderer") else figure._get_renderer()
+    words = [ax.title for ax in figure.axes if ax.get_title()] + [
+        text for text in figure.findobj(Annotation) if text.get_text()
+    ]
+    boxes = [text.get_window_extent(renderer) for text in words]
+    assert len(boxes) == 8 + 3
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+def test_the_color_must_be_one_that_the_record_has():
+    bare = record(electric=False, text=SHEAR)
+    assert any("lambda" in ax.get_ylabel() for ax in plot.snapshots(bare).axes)
+    with pytest.raises(ValueError, match="'tension'"):
+        plot.snapshots(bare, color="V_m")
+    with pytest.raises(ValueError, match="'V_m' or 'tension'"):
+        plot.snapshots(record(), color="charge")
+
+
+def test_an_uncharged_and_a_broken_off_run_are_drawn_too():
+    uncharged = record()
+    uncharged.V_m[:] = 0
+    uncharged.x[-1] = np.nan
+    plot.snapshots(uncharged).draw_without_rendering()
+
+
+def test_a_history_has_one_line_per_vesicle_and_component():
+    figure = plot.history(record(2), ["deformation", "stress"])
+    first, second = figure.axes
+    assert [line.get_label() for line in first.lines] == ["1 ", "2 "]
+    assert [line.get_label() for line in second.lines] == ["xx", "xy", "yx", "yy"]
+    assert second.get_ylabel() == r"stress ($\kappa_B/a^3$)"
+    assert second.get_xlabel() == r"$t/t_\kappa$"
+    assert first.get_legend() is not None
+    assert plot.history(record(1), ["deformation"]).axes[0].get_legend() is None
+
+
+def test_a_history_by_default_shows_what_is_there():
+    assert [ax.get_ylabel() for ax in plot.history(record()).axes] == ["$D$"]
+    with pytest.raises(ValueError, match="deformation, inclination, stress"):
+        plot.history(record(), ["min_gap"])
+
+
+@pytest.fixture(scope="module")
+def charged():
+    x = shapes.circle(N)
+    equation = equation_for(scene(x, field=dc_field(3.0, conductivity_ratio=0.1)))
+    return equation, Unknowns(x[None], 0.5 * x[None, :, 1])
+
+
+def test_no_field_line_is_drawn_where_the_field_is_not_known(charged):
+    equation, y = charged
+    figure = plot.field_lines(equation, 0.1, y, resolution=60)
+    lines, membrane = curves(figure.axes[0])
+    radius = np.hypot(*segments_of(lines).reshape(-1, 2).T)
+    assert ((radius < 0.8).sum() > 100) and ((radius > 1.2).sum() > 100)
+    # a cell with a corner in the strip is not entered
+    strip = 5 * 2 * np.pi / (16 * N)
+    assert np.abs(radius - 1).min() > strip - 1e-9
+    np.testing.assert_allclose(membrane.get_clim(), (-0.5, 0.5), rtol=1e-3)
+
+
+def test_stream_lines_follow_the_fluid_and_show_the_tension(charged):
+    equation, y = charged
+    figure = plot.streamlines(equation, 0.1, y, resolution=60, window=(-2, 2, -2, 2))
+    ax = figure.axes[0]
+    assert ax.get_xlim() == (-2, 2) and ax.get_ylim() == (-2, 2)
+    assert any("lambda" in other.get_ylabel() for other in figure.axes)
+    segments = segments_of(curves(ax)[0])
+    segments = segments[np.hypot(*(segments[:, 1] - segments[:, 0]).T) > 1e-3]
+    step = segments[:, 1] - segments[:, 0]
+    middle = jnp.asarray(segments.mean(axis=1))
+    velocity = np.asarray(jax.jit(lambda: around(equation, 0.1, y, middle, upsample=16).velocity)())
+    cosine = np.sum(step * velocity, axis=1) / np.hypot(*step.T) / np.hypot(*velocity.T)
+    assert np.nanmedian(cosine) > 0.999
+
+
+def test_field_lines_need_a_field():
+    x = shapes.circle(N)
+    with pytest.raises(ValueError, match="field"):
+        plot.field_lines(equation_for(scene(x)), 0.0, Unknowns(x[None]))
+
+
+def test_a_film_has_the_frames_asked_for(tmp_path):
+    from PIL import Image
+
+    plot.animation(record(), tmp_path / "film.gif", frames=4)
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames == 4
+
+
+def test_a_film_that_cannot_be_written_is_refused(tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match=r"\.gif or \.mp4"):
+        plot.animation(record(), tmp_path / "film.avi")
+    monkeypatch.setattr(plot.FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+    with pytest.raises(RuntimeError, match="ffmpeg"):
+        plot.animation(record(), tmp_path / "film.mp4")
+    assert not list(tmp_path.iterdir())
