@@ -3,10 +3,10 @@
     python -m experiments.close_evaluation          # tables and a figure, about a minute
 
 What to expect: with the density resolved, 12 to 15 digits in values and 10 to 13 in gradients at every
-distance and on both sides, where the trapezoidal rule loses all of them within a few node spacings. The
-four cases on the star fall faster than exponentially to round-off (L-GRF, S-GRF) or as the product
-of density and |Z'| lets them (L-S, S-S). A matrix for 256 nodes and 256 targets costs about as much as the LU
-factorisation of 512 unknowns.
+distance and on both sides, where the trapezoidal rule keeps one or two. On the star at distance 1e-3 the two
+Green identities reach round-off at 150 and 200 nodes; S of a given density needs more, because the nodes must
+resolve its product with |Z'|, which no number of terms represents exactly. A Stokes matrix for 256 nodes and 256
+targets costs about as much as the LU factorisation of 512 unknowns, a single density a third of it.
 """
 
 import statistics
@@ -168,7 +168,7 @@ def draw(errors, distances=DISTANCES):
                 axes.loglog(distances, side + 1e-17, style, color=color, ms=3, lw=1, label=f"{kind}, {place}")
         axes.set(title=f"{name}, N = {SHAPES[name][1]}", xlabel="distance", ylim=(1e-17, 10))
     panels[0].set_ylabel("largest relative error")
-    panels[-1].legend(fontsize=6)
+    panels[0].legend(fontsize=6, loc="center right")
     return figure
 
 

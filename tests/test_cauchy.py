@@ -1,5 +1,7 @@
 """Cauchy integrals near and on the curve: holomorphic functions, jumps, sides, and derivatives at a node."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,12 +30,14 @@ def curve(request):
     return make(N)
 
 
+@partial(jax.jit, static_argnums=1)
 def off_curve(x, side):
     """Points at every distance from some nodes, and from the curve half-way between nodes: (D·P, 2)."""
     fine = Curve.from_nodes(fourier.resample(x, 2 * x.shape[0], axis=0))
     return (fine.x[::7] + side * DISTANCES[:, None, None] * fine.normal[::7]).reshape(-1, 2)
 
 
+@jax.jit
 def holomorphic(z, inside):
     """Entire inside; one pole at 0.05, zero at infinity, outside. With its derivative."""
     pole = z - 0.05
@@ -67,14 +71,14 @@ def test_boundary_values_continue_holomorphically_at_any_distance(curve):
 
 def test_the_integral_jumps_by_its_density(curve):
     """C inside minus C outside, both at the nodes, is τ; C[1] is 1 and 0."""
-    density = jnp.exp(1j * complex_of(curve)) / (complex_of(curve) - 0.1)
 
     @jax.jit
     def sides(x):
+        density = jnp.exp(1j * complex_of(x)) / (complex_of(x) - 0.1)
         rules = [CauchyRule.of(x, x, inside=inside) for inside in (True, False)]
-        return [rule(density) for rule in rules], [rule(density * 0 + 1) for rule in rules]
+        return density, [rule(density) for rule in rules], [rule(density * 0 + 1) for rule in rules]
 
-    (inner, outer), (one, zero) = sides(curve)
+    density, (inner, outer), (one, zero) = sides(curve)
     np.testing.assert_allclose(inner - outer, density, atol=1e-11)
     np.testing.assert_allclose(one, 1, atol=1e-13)
     np.testing.assert_allclose(zero, 0, atol=1e-13)

@@ -14,14 +14,14 @@ from jaxves.scene import Scene, dc_field, scene
 from jaxves.simulate import Adaptive, Checks, Fixed, simulate
 
 
-def pop():
-    return scene(shapes.ellipse(64, 0.9, angle=jnp.pi / 2), field=dc_field(3.2, conductivity_ratio=0.1))
+def pop(N=64):
+    return scene(shapes.ellipse(N, 0.9, angle=jnp.pi / 2), field=dc_field(3.2, conductivity_ratio=0.1))
 
 
-def treading():
+def treading(N=64):
     """Tank-treading in a field, from 20°."""
     field = dc_field(6.4, conductivity_ratio=0.1, membrane_conductance=4.0)
-    return scene(shapes.ellipse(64, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
+    return scene(shapes.ellipse(N, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
 
 
 @eqx.filter_jit
@@ -29,21 +29,20 @@ def run(s, t_end, march, saves=1, checks=None, average=None):
     return simulate(s, t_end, saves=saves, march=march, checks=checks, average=average)
 
 
-SCENES = {"pop": (pop, 0.1, 5, [10, 20, 40], 160), "treading": (treading, 0.1, 5, [15, 30, 60], 240)}
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_the_fourth_order_method_is_of_fourth_order_in_shape_potential_and_tension(name):
-    make, t_end, _, steps, fine = SCENES[name]
-    reference = run(make(), t_end, Fixed(fine))
+@pytest.mark.parametrize("make", [pop, treading])
+def test_the_fourth_order_method_is_of_fourth_order_in_shape_potential_and_tension(make):
+    """At 96 nodes, where the error of space (and of projecting onto it every step) is below that of time."""
+    s, steps = make(96), [40, 80, 160]
+    reference = run(s, 0.1, Fixed(320, steppers.ARK5()))
     errors = {"x": [], "V_m": [], "tension": []}
     for n in steps:
-        result = run(make(), t_end, Fixed(n))
+        result = run(s, 0.1, Fixed(n))
         assert result.word == "complete"
         for part, found in errors.items():
             found.append(jnp.max(jnp.abs(getattr(result, part)[-1] - getattr(reference, part)[-1])))
-        assert abs(result.diagnostics["area"][-1] / result.diagnostics["area"][0] - 1) < 1e-9
-        assert abs(result.diagnostics["length"][-1] / result.diagnostics["length"][0] - 1) < 1e-9
+        for kept in ("area", "length"):
+            values = result.diagnostics[kept][:, 0]
+            assert abs(values[-1] / values[0] - 1) < 1e-9
     for part, found in errors.items():
         assert observed_order([1 / n for n in steps], found) > 3.7, (part, found)
 
@@ -167,37 +166,36 @@ def test_a_pulse_ends_and_the_vesicle_discharges():
     V = result.diagnostics["max_V_m"][:, 0]
     assert result.word == "complete"
     assert V[1] < 1e-6 < 0.05 < jnp.max(V)
-    assert V[-1] < 0.5 * jnp.max(V)
+    assert V[-1] < 0.8 * jnp.max(V)
 
 
-@pytest.mark.parametrize("leaf", ["beta", "conductivity_ratio", "membrane_conductance", "chi", "capillary_number"])
-def test_runs_differentiate_forward_backward_and_as_differences_do(leaf):
-    """d(mean deformation and viscosity)/d(parameter) through 4 fixed steps of the coupled problem."""
-    where = {
-        "beta": lambda s: s.field.beta,
-        "conductivity_ratio": lambda s: s.field.conductivity_ratio,
-        "membrane_conductance": lambda s: s.field.membrane_conductance,
-        "chi": lambda s: s.field.membrane_chi,
-        "capillary_number": lambda s: s.flow.capillary_number,
-    }[leaf]
-    base = treading()
+def test_runs_differentiate_forward_backward_and_as_differences_do():
+    """d(deformation, viscosity, potential)/d(every number) through 4 fixed steps of the coupled problem."""
+    base = treading(48)
 
-    @jax.jit
-    def outcome(scale):
-        s = eqx.tree_at(where, base, where(base) * scale)
+    def numbers(s):
+        f = s.field
+        electric = (f.beta, f.conductivity_ratio, f.membrane_conductance, f.membrane_chi, f.permittivity_ratio)
+        return (*electric, f.direction, s.flow.capillary_number, s.bending)
+
+    def outcome(scales):
+        s = eqx.tree_at(numbers, base, tuple(leaf * scales[i] for i, leaf in enumerate(numbers(base))))
         result = simulate(s, 0.01, saves=1, march=Fixed(4))
         d = result.diagnostics
         return d["deformation"][-1, 0] + 0.1 * d["effective_viscosity"][-1] + 0.1 * d["max_V_m"][-1, 0]
 
-    one = jnp.ones(())
-    forward, reverse = jax.jvp(outcome, (one,), (one,))[1], jax.grad(outcome)(one)
-    np.testing.assert_allclose(forward, reverse, rtol=1e-8)
-    h = 1e-3
+    ones = jnp.ones(len(numbers(base)))
+    forward, reverse = jax.jit(jax.jacfwd(outcome))(ones), jax.jit(jax.grad(outcome))(ones)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-8, atol=1e-10)
+    h, value = 1e-3, jax.jit(outcome)
 
-    def difference(h):
-        return (outcome(one + h) - outcome(one - h)) / (2 * h)
+    def difference(step):
+        return (value(ones + step) - value(ones - step)) / (2 * h)
 
-    np.testing.assert_allclose(forward, (4 * difference(h) - difference(2 * h)) / 3, rtol=1e-6)
+    for i in range(len(ones)):
+        step = h * jnp.eye(len(ones))[i]
+        richardson = (4 * difference(step) - difference(2 * step) / 2) / 3
+        np.testing.assert_allclose(forward[i], richardson, rtol=1e-6, atol=1e-9)
 
 
 def test_a_batch_of_scenes_is_the_scenes_one_by_one():

@@ -87,8 +87,8 @@ class CauchyRule(eqx.Module):
         delta, weight = z[index] - t, h * dz[index]
         rest = jnp.sum(others, axis=1)
         if inside is None:
-            total = jax.lax.stop_gradient((weight + delta * rest) * jnp.conj(delta))
-            inside = total.imag > np.pi * jax.lax.stop_gradient(jnp.abs(delta) ** 2)
+            # Re W/2πi > ½, multiplied by |δ|²
+            inside = ((weight + delta * rest) * jnp.conj(delta)).imag > np.pi * (delta * jnp.conj(delta)).real
         inside = jnp.broadcast_to(jnp.asarray(inside), t.shape)
         rest = jnp.where(inside, rest, rest - 2j * np.pi)
         inverse = 1 / (weight + delta * rest)

@@ -12,11 +12,11 @@ where ∇u ↔ v' means u_x - i u_y = v'. τ is the density of S after one integ
 charge at a, makes it periodic, and a is any point inside: the centre of the largest inscribed circle, where ℓ
 is smoothest. The Stokes potentials in `near_stokes` are built from the same integrals.
 
-What all of them share is `CloseGeometry`, formed once per (curve, targets). Curve and densities are first
-interpolated to `upsample` times the nodes: products such as q|x_α| have twice the bandwidth of their factors,
-and 2 doubles the digits for curves and densities that N nodes resolve. Matrices act on densities at the N
-nodes and include the weights. Everything is differentiable, forward and reverse, down to distance zero;
-memory is 32 bytes per (fine node, target).
+What all of them share is `CloseGeometry`, formed once per (curve, targets). The curve, q|x_α| and V are first
+interpolated to `upsample` times the nodes, since products such as τ z' have twice the bandwidth of their factors:
+what N nodes resolve, 2 treats without further error. Matrices act on densities at the N nodes and include the
+weights. Everything is differentiable, forward and reverse, in nodes, densities and targets down to distance
+zero. Memory is 32 bytes per (fine node, target).
 """
 
 import equinox as eqx
@@ -82,7 +82,7 @@ class CloseGeometry(eqx.Module):
         origin = jax.lax.stop_gradient(jnp.mean(curve.x, axis=0))
         x, targets = _finer(curve.x - origin, upsample * curve.x.shape[0]), targets - origin
         # S does not depend on the inner point, so neither does its derivative.
-        inner = jax.lax.stop_gradient(_inner_point(curve) - origin)
+        inner = _inner_point(jax.lax.stop_gradient(curve)) - origin
         rule = CauchyRule.of(x, targets, inside=inside)
         return cls(rule, complex_of(x), complex_of(targets), complex_of(inner), curve.speed)
 
