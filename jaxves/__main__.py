@@ -1,15 +1,24 @@
-"""The command line. It answers bad input before anything slow is imported."""
+"""The command line. It answers bad input before anything slow is imported, and in one line."""
 
 import os
+import sys
 
 
-def main() -> None:
-    """Entry point of the `jaxves` command."""
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point of the `jaxves` command; ends with its exit status."""
     # Small LAPACK calls are slower on two threads than on one; must be set before NumPy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from .cli import app
-
-    app()
+    try:
+        from .cli import INTERRUPTED, answer
+    except KeyboardInterrupt:
+        sys.exit(130)
+    status = answer(sys.argv[1:] if arguments is None else arguments)
+    if status == INTERRUPTED:
+        # Compiled code may still be running, which an orderly end of Python would crash.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)
 
 
 if __name__ == "__main__":

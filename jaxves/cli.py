@@ -1,25 +1,29 @@
-"""Commands: run, show, plot, scenes. Exit status 0 done, 2 bad input, 3 broke down, 130 interrupted.
+"""Commands: run, show, plot, scenes, init, units. Exit status 0 done, 2 bad input, 3 broke down, 130 interrupted.
 
-Nothing here computes; modules that import JAX are imported inside the commands that need them.
+Nothing here computes; modules that import JAX are imported inside the commands that need them, after the input
+has been checked.
 """
 
 import enum
-import sys
+import math
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
-from . import __version__
-from .scenefile import SceneError, builtin_names, load
+from . import __version__, status, store
+from .scenefile import SceneError, SceneFile, builtin_names, load, to_toml
 from .store import Record, StoreError
-from .store import load as load_record
+from .summary import summary
+from .template import TEMPLATE
 
 app = typer.Typer(
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="Vesicles in two-dimensional Stokes flow under electric fields. Start with: jaxves run pop --out pop.h5",
@@ -28,17 +32,45 @@ _out = Console(highlight=False, soft_wrap=True)
 _err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 BAD_INPUT, BROKE_DOWN, INTERRUPTED = 2, 3, 130
+_UsageError = typer.BadParameter.__base__  # typer has it in different places
+
+Force = Annotated[bool, typer.Option("--force", help="Replace what is there already.")]
+
+
+def answer(arguments: list[str]) -> int:
+    """Runs one command; returns its exit status. All complaints are one line."""
+    try:
+        return app(arguments or ["--help"], prog_name="jaxves", standalone_mode=False) or 0
+    except _UsageError as error:
+        return _refuse(error.format_message()).exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        return INTERRUPTED
+
+
+def _say(message: object) -> None:
+    _err.print(f"jaxves: {' '.join(str(message).split())}", markup=False)
 
 
 def _refuse(message: object) -> typer.Exit:
-    _err.print(f"jaxves: {message}", markup=False)
+    _say(message)
     return typer.Exit(BAD_INPUT)
 
 
-def _version(wanted: bool) -> None:
+def _refuse_existing(paths: list[Path], force: bool, remedy: str = "use --force to replace it") -> None:
+    for path in paths:
+        if path.exists() and not force:
+            raise _refuse(f"{path} exists already: {remedy}.")
+        if path.is_dir():
+            raise _refuse(f"{path} is a folder, expected the name of a file.")
+        if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+            raise _refuse(f"{path.parent} is not a folder that can be written to.")
+
+
+def _version(wanted: bool) -> bool:
     if wanted:
         _out.print(__version__)
         raise typer.Exit
+    return wanted
 
 
 @app.callback()
@@ -46,6 +78,78 @@ def _main(
     version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which.")] = False,
 ) -> None:
     pass
+
+
+@app.command()
+def run(
+    scene: Annotated[str, typer.Argument(help="A scene file (TOML), or the name of a built-in scene.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The result file (HDF5).")],
+    force: Force = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where the result file ends.")] = False,
+) -> None:
+    """Simulate a scene."""
+    try:
+        scene_file = load(scene)
+        if force and resume:
+            raise _refuse("--force replaces the result file and --resume continues it: give one of them.")
+        if resume and store.is_done(out, to_toml(scene_file)):
+            _out.print(f"{out} is done ({store.load(out).status}): there is nothing to resume.")
+            return
+    except (SceneError, StoreError) as error:
+        raise _refuse(error) from None
+    if not resume:
+        _refuse_existing([out], force, "use --force to replace it or --resume to continue it")
+
+    word = _simulate(scene_file, out, force, resume)
+    _summarise(store.load(out), out)
+    if word == status.WORDS[status.INTERRUPTED]:
+        raise typer.Exit(INTERRUPTED)
+    if word not in status.SUCCESS:
+        raise typer.Exit(BROKE_DOWN)
+
+
+def _simulate(scene_file: SceneFile, out: Path, force: bool, resume: bool) -> str:
+    columns = (
+        TextColumn("t = {task.completed:.3g} / {task.total:.3g}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=_err, transient=True) as bar, _heard_interrupts() as pressed:
+        task = bar.add_task("starting", total=scene_file.t_end)
+
+        def show(t: float, text: str) -> None:
+            if pressed:
+                raise KeyboardInterrupt
+            bar.update(task, completed=t, description=text)
+
+        _keep_compiled()
+        from . import runner
+
+        try:
+            return runner.run(scene_file, out, force=force, resume=resume, progress=show)
+        except StoreError as error:
+            raise _refuse(error) from None
+        except runner.Broken as error:
+            _say(error)
+            raise typer.Exit(BROKE_DOWN) from None
+
+
+@contextmanager
+def _heard_interrupts() -> Iterator[list]:
+    """Remembers Ctrl-C besides raising KeyboardInterrupt, which Python drops in callbacks and finalisers."""
+    pressed = []
+
+    def hear(signum, frame):
+        pressed.append(signum)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, hear)
+    try:
+        yield pressed
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _keep_compiled() -> None:
@@ -56,109 +160,17 @@ def _keep_compiled() -> None:
     if jax.config.jax_compilation_cache_dir is None:
         folder = Path.home() / ".cache" / "jaxves" / f"jaxlib-{jaxlib.__version__}"
         jax.config.update("jax_compilation_cache_dir", str(folder))
-
-
-@app.command()
-def run(
-    scene: Annotated[str, typer.Argument(help="A scene file (TOML), or the name of a built-in scene.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The result file (HDF5).")],
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing result file.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where the result file ends.")] = False,
-    plot: Annotated[bool, typer.Option("--plot", help="Draw snapshots and histories next to the result.")] = False,
-) -> None:
-    """Simulate a scene."""
-    try:
-        scene_file = load(scene)
-    except SceneError as error:
-        raise _refuse(error) from None
-    if force and resume:
-        raise _refuse("--force replaces the result file and --resume continues it: give one of them.")
-    if resume and not out.exists():
-        raise _refuse(f"{out} does not exist: there is nothing to resume.")
-    if not resume and out.exists() and not force:
-        raise _refuse(f"{out} exists already: use --force to replace it or --resume to continue it.")
-    if not out.parent.is_dir():
-        raise _refuse(f"{out.parent} is not a folder: --out must name a file in an existing one.")
-
-    columns = (
-        TextColumn("t = {task.completed:.3g} / {task.total:.3g}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=_err, transient=True) as bar:
-        task = bar.add_task("starting", total=scene_file.t_end)
-        _keep_compiled()
-        from . import runner
-
-        try:
-            word = runner.run(
-                scene_file,
-                out,
-                force=force,
-                resume=resume,
-                progress=lambda t, text: bar.update(task, completed=t, description=text),
-            )
-        except StoreError as error:
-            raise _refuse(error) from None
-        except RuntimeError as error:
-            _err.print(f"jaxves: {error}", markup=False)
-            raise typer.Exit(BROKE_DOWN) from None
-    record = load_record(out)
-    _summarise(record, out)
-    if plot:
-        _draw(record, out, [Picture.snapshots, Picture.history], out.with_suffix(""))
-    from . import status
-
-    if word == "interrupted":
-        raise typer.Exit(INTERRUPTED)
-    if word not in status.SUCCESS:
-        raise typer.Exit(BROKE_DOWN)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
 def _summarise(record: Record, path: Path) -> None:
-    advice = record.attributes.get("advice", "")
-    wall = record.attributes.get("wall_time", 0.0)
-    _out.print(f"{path}: {record.status} at t = {record.t[-1]:.6g} after {wall:.1f} s" + (f". {advice}" if advice else ""))
-    M, N = record.x.shape[1:3]
-    _out.print(f"{M} vesicle{'s' * (M > 1)}, {N} nodes each, {len(record.t)} saved times")
-    found = record.diagnostics
-    if "deformation_along_field" in found:
-        from . import phases
-
-        codes = phases.classify(found["deformation_along_field"])
-        _out.print("class: " + ", ".join(phases.NAMES[int(code)] for code in codes))
-    table = Table("quantity", "first", "last", "least", "greatest", box=None, padding=(0, 2, 0, 0))
-    names = ("deformation", "inclination_unwrapped", "tank_treading_speed", "max_V_m", "tension_min", "tension_max",
-             "bending_energy", "effective_viscosity")  # fmt: skip
-    for name in names:
-        if name in found:
-            for label, values in _components(name, found[name]):
-                cells = (values[0], values[-1], values.min(), values.max())
-                table.add_row(label, *(f"{value:.6g}" for value in cells))
-    _out.print(table)
-    quality = {
-        "area drift": abs(found["area"] / found["area"][0] - 1).max(),
-        "perimeter drift": abs(found["length"] / found["length"][0] - 1).max(),
-        "spectral tail": found["spectral_tail"].max(),
-        "energy balance": abs(found["power_balance"]).max() / max(abs(found["dissipation"]).max(), 1e-300),
-        "solver residual": found["residual"].max(),
-    }
-    _out.print("quality: " + ", ".join(f"{name} {value:.1e}" for name, value in quality.items()))
-    for name, value in (record.averages or {}).items():
-        _out.print(f"average {name}: {value.tolist()}")
-
-
-def _components(name: str, values):
-    if values.ndim == 1 or values.shape[1] == 1:
-        return [(name, values.reshape(-1))]
-    return [(f"{name} [{m}]", values[:, m]) for m in range(values.shape[1])]
+    for part in summary(record, path):
+        _out.print(part, markup=False)
 
 
 def _loaded(path: Path) -> Record:
     try:
-        return load_record(path)
+        return store.load(path)
     except StoreError as error:
         raise _refuse(error) from None
 
@@ -182,38 +194,49 @@ class Picture(enum.StrEnum):
 @app.command()
 def plot(
     file: Annotated[Path, typer.Argument(help="A result file.")],
-    what: Annotated[list[Picture] | None, typer.Option("--what", "-w", help="Default: snapshots, history.")] = None,
-    at: Annotated[float | None, typer.Option("--at", help="Time of lines; default: the end.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Stem of the picture files.")] = None,
+    what: Annotated[
+        list[Picture] | None, typer.Option("--what", "-w", help="May be repeated. Default: snapshots and history.")
+    ] = None,
+    at: Annotated[float | None, typer.Option("--at", help="Time of the lines, in t_κ. Default: the end.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Stem of the picture files. Default: FILE's.")] = None,
+    force: Force = False,
 ) -> None:
     """Draw a result: FILE-snapshots.png and so on."""
     record = _loaded(file)
-    _draw(record, file, what or [Picture.snapshots, Picture.history], out or file.with_suffix(""), at)
+    if len(record.t) == 0:
+        raise _refuse(f"{file} holds no saved time: there is nothing to draw.")
+    at = float(record.t[-1]) if at is None else at
+    if not record.t[0] <= at <= record.t[-1]:
+        raise _refuse(f"--at = {at}, expected a time in [{record.t[0]:.6g}, {record.t[-1]:.6g}].")
+    pictures = what or [Picture.snapshots, Picture.history]
+    if Picture.field_lines in pictures and record.V_m is None:
+        raise _refuse(f"--what = field-lines, expected another picture: {file} holds no field.")
+    stem = out or file.with_suffix("")
+    targets = {
+        picture: stem.with_name(f"{stem.name}-{picture}.{'gif' if picture == Picture.animation else 'png'}")
+        for picture in pictures
+    }
+    _refuse_existing(list(targets.values()), force)
+    for picture, target in targets.items():
+        _draw(record, picture, at, target)
+        _out.print(f"drew {target}", markup=False)
 
 
-def _draw(record: Record, source: Path, pictures: list[Picture], stem: Path, at: float | None = None) -> None:
+def _draw(record: Record, picture: Picture, at: float, target: Path) -> None:
     from . import plot as plotting
 
-    for picture in pictures:
-        target = stem.parent / f"{stem.name}-{picture}.{'gif' if picture == Picture.animation else 'png'}"
-        if picture == Picture.animation:
+    match picture:
+        case Picture.animation:
             plotting.animation(record, target)
-        elif picture == Picture.snapshots:
+        case Picture.snapshots:
             plotting.snapshots(record).savefig(target)
-        elif picture == Picture.history:
+        case Picture.history:
             plotting.history(record).savefig(target)
-        else:
-            _lines(plotting, record, picture, at, source).savefig(target)
-        _out.print(f"drew {target}")
+        case _:
+            from .problem import reconstructed
 
-
-def _lines(plotting, record: Record, picture: Picture, at: float | None, source: Path):
-    from .runner import reconstructed
-
-    if picture == Picture.field_lines and record.V_m is None:
-        raise _refuse(f"{source} holds no field: field-lines cannot be drawn.")
-    equation, t, y = reconstructed(record, float(record.t[-1]) if at is None else at)
-    return (plotting.field_lines if picture == Picture.field_lines else plotting.streamlines)(equation, t, y)
+            lines = plotting.field_lines if picture == Picture.field_lines else plotting.streamlines
+            lines(*reconstructed(record, at)).savefig(target)
 
 
 @app.command()
@@ -223,5 +246,43 @@ def scenes() -> None:
         _out.print(f"{name:15} {text}", markup=False)
 
 
-if __name__ == "__main__":
-    sys.exit(app())
+@app.command()
+def init(
+    file: Annotated[Path, typer.Argument(help="The scene file to write.")] = Path("scene.toml"), force: Force = False
+) -> None:
+    """Write a commented scene file to start from."""
+    _refuse_existing([file], force)
+    file.write_text(TEMPLATE, encoding="utf-8")
+    _out.print(f"wrote {file}; simulate it with: jaxves run {file} --out {file.with_suffix('.h5')}", markup=False)
+
+
+@app.command()
+def units(
+    a: Annotated[float, typer.Option("--a", help="Size, perimeter / 2π, in m.")],
+    E: Annotated[float, typer.Option("--E", help="Field strength, in V/m.")],
+    sigma_i: Annotated[float, typer.Option("--sigma-i", help="Conductivity inside, in S/m.")],
+    sigma_e: Annotated[float, typer.Option("--sigma-e", help="Conductivity outside, in S/m.")],
+    epsilon: Annotated[
+        float, typer.Option("--epsilon", help="Permittivity outside, absolute, in F/m; of water 7e-10.")
+    ],
+    C_m: Annotated[float, typer.Option("--C-m", help="Membrane capacitance, in F/m².")],
+    kappa_B: Annotated[float, typer.Option("--kappa-B", help="Bending stiffness, in J.")],
+    mu: Annotated[float, typer.Option("--mu", help="Viscosity, in Pa s.")],
+    G_m: Annotated[float, typer.Option("--G-m", help="Membrane conductance, in S/m².")] = 0.0,
+    shear_rate: Annotated[float, typer.Option("--shear-rate", help="Shear rate, in 1/s.")] = 0.0,
+) -> None:
+    """Convert laboratory quantities to dimensionless numbers and to tables of a scene file."""
+    quantities = dict(
+        a=a, E=E, sigma_i=sigma_i, sigma_e=sigma_e, epsilon=epsilon, C_m=C_m, kappa_B=kappa_B, mu=mu, G_m=G_m,
+        shear_rate=shear_rate,
+    )  # fmt: skip
+    for name, value in quantities.items():
+        may_vanish = name in ("E", "sigma_i", "G_m", "shear_rate")
+        if not math.isfinite(value) or (value < 0 and name != "shear_rate") or (value == 0 and not may_vanish):
+            wanted = "a finite number" if name == "shear_rate" else f"a finite number {'>=' if may_vanish else '>'} 0"
+            raise _refuse(f"--{name.replace('_', '-')} = {value}, expected {wanted}.")
+    from .conversion import conversion
+    from .units import Physical
+
+    for part in conversion(Physical(**quantities)):
+        _out.print(part, markup=False)

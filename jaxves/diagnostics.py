@@ -20,6 +20,7 @@ from . import curve as geometry
 from . import fourier, membrane
 from .curve import Curve
 from .equation import Equation, Motion, Unknowns
+from .interactions import pair_frames
 from .scene import Scene
 
 
@@ -53,6 +54,7 @@ QUANTITIES = {
     "max_V_m": Quantity("E_inf a", "largest |V_m|, which electroporation depends on", _EACH),
     "torque": Quantity("kappa_B/a", "electric torque about the centroid", _EACH),
     "traction_ratio": Quantity("1", "∮ |f_el·t| ds / ∮ |f_el·n| ds", _EACH),
+    "min_gap": Quantity("a", "least distance between two membranes", _RUN),
     "stress": Quantity("kappa_B/a^3", "particle stress -(1/A) Σ ∮ f_hd ⊗ x ds", (*_RUN, "xy", "ab")),
     "effective_viscosity": Quantity("1", "intrinsic viscosity [μ] of the dilute suspension", _RUN),
     "power_flow": Quantity("kappa_B/(a t_kappa)", "power of the imposed flow", _RUN),
@@ -90,22 +92,63 @@ def self_gap(curve: Curve) -> Array:
     return jnp.min(jnp.where(along >= 2 * chord, chord, jnp.inf))
 
 
-def crosses_itself(curve: Curve) -> Array:
-    """Whether two edges of the polygon of nodes intersect."""
-    p, q = curve.x, jnp.roll(curve.x, -1, axis=0)
+def _crossings(first: Curve, second: Curve) -> Array:
+    """Which edges of the polygon of nodes of one curve intersect which of another, (N, N)."""
+
+    def ends(curve):
+        return curve.x, jnp.roll(curve.x, -1, axis=0)
 
     def side(a, b, c):
         """Twice the signed area of a, b, c, for all edges (a, b) and all points c."""
         u, v = (b - a)[:, None], c[None] - a[:, None]
         return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
 
-    start, end = side(p, q, p), side(p, q, q)
+    (p, q), (r, s) = ends(first), ends(second)
+    return (side(p, q, r) * side(p, q, s) < 0) & (side(r, s, p) * side(r, s, q) < 0).T
+
+
+def crosses_itself(curve: Curve) -> Array:
+    """Whether two edges of the polygon of nodes intersect."""
     # An edge shares an end with its neighbours: products there are round-off about zero, not below it.
-    N = p.shape[0]
+    N = curve.x.shape[0]
     steps = jnp.abs(jnp.arange(N)[:, None] - jnp.arange(N)[None])
-    apart = jnp.minimum(steps, N - steps) > 1
-    separates = start * end < 0
-    return jnp.any(separates & separates.T & apart)
+    return jnp.any(_crossings(curve, curve) & (jnp.minimum(steps, N - steps) > 1))
+
+
+def collides(curves: Curve) -> Array:
+    """Whether the polygons of any two vesicles intersect."""
+    target, source = pair_frames(curves)
+    return jnp.any(jax.vmap(_crossings)(target, source))
+
+
+def gap(first: Curve, second: Curve) -> Array:
+    """The least distance of two curves, to interpolation accuracy: Newton from the nearest nodes."""
+    r2 = jnp.sum((first.x[:, None] - second.x[None]) ** 2, axis=-1)
+    N = r2.shape[1]
+    near = jnp.stack(jnp.divmod(jnp.argmin(r2), N))
+    # Where the gap is least is stationary: its derivative is that of the distance there, whatever the parameters do.
+    modes = tuple(fourier.coefficients(curve.x) for curve in (first, second))
+    fixed = jax.lax.stop_gradient(modes)
+
+    def distance2(alpha, modes):
+        return jnp.sum((fourier.series(modes[0], alpha[:1]) - fourier.series(modes[1], alpha[1:])) ** 2)
+
+    def newton(alpha, _):
+        slope, curvature = jax.grad(distance2)(alpha, fixed), jax.hessian(distance2)(alpha, fixed)
+        a, b, d = curvature[0, 0], curvature[0, 1], curvature[1, 1]
+        step = jnp.stack([d * slope[0] - b * slope[1], a * slope[1] - b * slope[0]]) / (a * d - b * b)
+        spacing = 2 * jnp.pi / N
+        return alpha - jnp.clip(jnp.where(jnp.isfinite(step), step, 0.0), -spacing, spacing), None
+
+    alpha, _ = jax.lax.scan(newton, near * (2 * jnp.pi / N), length=5)
+    found = distance2(jax.lax.stop_gradient(alpha), modes)
+    nodes = jnp.min(r2)  # where Newton was led astray, the nodes know better
+    return jnp.sqrt(jnp.where(found < nodes, found, nodes))
+
+
+def _of_many(curves: Curve) -> dict[str, Array]:
+    target, source = pair_frames(curves)
+    return {"min_gap": jnp.min(jax.vmap(gap)(target, source))}
 
 
 def powers(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:
@@ -144,7 +187,7 @@ def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, spe
         "bending_energy": membrane.bending_energy(curve, bending),
         "tension_min": jnp.min(tension),
         "tension_max": jnp.max(tension),
-        "spectral_tail": fourier.spectral_tail(x, cut.x, axis=0),
+        "spectral_tail": fourier.spectral_tail(x, cut.x),
         "tension_tail": fourier.spectral_tail(sigma, cut.surface),
         "metric_error": jnp.max(jnp.abs(curve.speed / speed - 1)),
         "self_gap": self_gap(curve),
@@ -187,6 +230,8 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
     out["stress"] = stress(motion)
     if scene.flow is not None:
         out["effective_viscosity"] = scene.flow.effective_viscosity(out["stress"])
+    if y.x.shape[0] > 1:
+        out |= _of_many(curves)
     out |= powers(equation, t, y, motion)
     out["residual"] = motion.residual
     return out

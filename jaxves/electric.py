@@ -82,15 +82,15 @@ def surface_fields(
     conductivity_ratio: Scalar,
     w: Nodes,
     V_m: Nodes,
-    potential: Nodes,
+    potential_slope: Nodes,
 ) -> SurfaceFields:
-    """One-sided fields from w, V_m and the mean potential S q - D V_m on the membrane.
+    """One-sided fields from w, V_m and ∂_s of the mean potential S q - D V_m on the membrane.
 
     Current continuity gives the normal parts without another operator: E_n = w/(1+Λ) inside and
     Λ w/(1+Λ) outside, so E_n,i - E_n,e = -q.
     """
     share = inner_share(conductivity_ratio)
-    tangential = curve.tangent @ E_inf - d_ds(potential, curve)
+    tangential = curve.tangent @ E_inf - potential_slope
     half_jump = 0.5 * d_ds(V_m, curve)
     return SurfaceFields((1 - share) * w, share * w, tangential - half_jump, tangential + half_jump)
 

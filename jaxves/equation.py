@@ -24,6 +24,8 @@ from . import electric, fourier, linear, membrane
 from .arrays import PerVesicle, Scalar, VesicleNodes, VesiclePoints
 from .curve import Curve
 from .electric import SurfaceFields
+from .interactions import pair_frames
+from .potentials.stokes import StokesBlocks
 from .scene import Scene
 from .surface import Surfaces
 
@@ -96,6 +98,25 @@ class TensionBlock(eqx.Module):
         left = pins.T @ stiffness
         stiffness = stiffness - pins @ left - left.T @ pins.T + pins @ (left @ pins + np.eye(pins.shape[1])) @ pins.T
         return cls(spread, stiffness + jnp.where(is_circle, 1.0 / N, 0.0))
+
+
+def _stretch_response(velocity: StokesBlocks, target: Curve, source: Curve, cut: int) -> Float[Array, "N N"]:
+    """|x_α| Q S T from the tension of one membrane to the stretch of another, without the modes filtered from both."""
+    D = fourier.derivative_matrix(target.speed.shape[0])
+    d_ds = D / source.speed[:, None]
+    xx, xy, yy = velocity.xx @ d_ds, velocity.xy @ d_ds, velocity.yy @ d_ds
+    tx, ty = source.tangent[:, 0], source.tangent[:, 1]
+    rows = target.tangent[:, :1] * (D @ (xx * tx + xy * ty)) + target.tangent[:, 1:] * (D @ (xy * tx + yy * ty))
+    return _remove_rows(_remove_rows(rows, cut).T, cut).T
+
+
+def _solve_coupled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"], b: VesicleNodes) -> linear.Solution:
+    """Solves with the matrix of all membranes: `blocks` on its diagonal, `coupled` off it."""
+    M, N = b.shape
+    m = np.arange(M)
+    whole = coupled.reshape(M, N, M, N).at[m, :, m, :].set(blocks).reshape(M * N, M * N)
+    solution = linear.Dense().factor(linear.LinearOperator(whole)).solve(b.reshape(-1))
+    return linear.Solution(solution.value.reshape(M, N), solution.residual, solution.iterations)
 
 
 class Constraint(eqx.Module):
@@ -202,17 +223,26 @@ class Equation(eqx.Module):
         constraint = self._constraint(surfaces)
         stretch = curves.speed * jax.vmap(membrane.stretch_rate)(curves, velocity)
         stretch = fourier.low_pass(stretch, self.filter.surface)
-        solution = jax.vmap(lambda tension, b: tension.solve(b))(constraint.tension, stretch)
+        solution = self._tension(surfaces, constraint, stretch)
         sigma = solution.value
         residual = jnp.maximum(residual, jnp.max(solution.residual))
         iterations = iterations + jnp.max(solution.iterations)
         f_tension = jax.vmap(membrane.linear_tension_force)(curves, sigma)
         velocity = velocity + surfaces.stokes(f_tension)
         velocity = fourier.low_pass(velocity, self.filter.x, axis=1)
-        motion = Motion(
-            surfaces, velocity, sigma, force + f_tension, f_el, V_rate, w, fields, residual, iterations
-        )
+        motion = Motion(surfaces, velocity, sigma, force + f_tension, f_el, V_rate, w, fields, residual, iterations)
         return motion, constraint, charge
+
+    def _tension(self, surfaces: Surfaces, constraint: Constraint, stretch: VesicleNodes) -> linear.Solution:
+        across = surfaces.interactions
+        if across is None:
+            return jax.vmap(lambda tension, b: tension.solve(b))(constraint.tension, stretch)
+
+        def block(velocity, target, source):
+            return -_stretch_response(velocity, target, source, self.filter.surface)
+
+        coupled = across.scattered(jax.vmap(block)(across.velocity, *pair_frames(surfaces.curves)))
+        return _solve_coupled(constraint.tension.operator.matrix, coupled, stretch)
 
     def _charge(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes):
         field = self.scene.field
@@ -222,13 +252,20 @@ class Equation(eqx.Module):
         matrices = 0.5 * np.eye(V_m.shape[1]) + kernel * curves.speed[:, None, :]
         flux = curves.normal @ field.E_inf(t) + surfaces.dlp_dn(V_m)
         charge = linear.factor_blocks(matrices)
-        return jax.vmap(lambda charge, b: charge.solve(b))(charge, flux), charge
+        across = surfaces.interactions
+        if across is None:
+            return jax.vmap(lambda charge, b: charge.solve(b))(charge, flux), charge
+        target, source = pair_frames(curves)
+        normal = jnp.moveaxis(target.normal, -1, 1)[..., None]
+        eta = jnp.repeat(field.contrast(), V_m.shape[1])
+        coupled = across.scattered(jnp.sum(normal * across.gradient, axis=1)) * eta
+        return _solve_coupled(matrices, coupled, flux), charge
 
     def _traction(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, w: VesicleNodes):
         field = self.scene.field
-        potential = surfaces.potential(field.contrast()[:, None] * w, V_m)
+        slope = surfaces.potential_slope(field.contrast()[:, None] * w, V_m)
         fields = jax.vmap(electric.surface_fields, in_axes=(0, None, 0, 0, 0, 0))(
-            surfaces.curves, field.E_inf(t), field.conductivity_ratio, w, V_m, potential
+            surfaces.curves, field.E_inf(t), field.conductivity_ratio, w, V_m, slope
         )
         traction = jax.vmap(electric.maxwell_traction)(surfaces.curves, fields, field.permittivity_ratio)
         return field.stress_scale() * traction, fields
@@ -309,7 +346,6 @@ class Equation(eqx.Module):
         stretch = curve.speed * (membrane.stretch_rate(curve, dx) - (speed - curve.speed) / speed)
         mu = constraint.tension.solve(fourier.low_pass(stretch, self.filter.surface)).value
         return fourier.low_pass(dx + jnp.einsum("aij,j->ia", constraint.spread, mu), self.filter.x, axis=0)
-
 
     def start(self) -> Unknowns:
         """The starting state: filtered, then projected until metric and area hold to round-off."""

@@ -5,14 +5,22 @@ r"""Trigonometric interpolation on the periodic grid α_j = 2πj/N, N even.
 Derivatives drop the Nyquist mode k = N/2, which no odd derivative can see; what must not live in it
 is filtered (`low_pass`). All functions act on the node axis `axis`.
 
+Everything is a product with a constant matrix rather than a fast transform: at the sizes of one membrane that is
+as fast on a CPU, and XLA's CPU transform can lock up its own thread pool when it runs inside a compiled loop.
+Only grids of more than `_DENSE` nodes, on which no loop runs, are transformed.
+
 [T] L. N. Trefethen, Spectral Methods in MATLAB, ch. 3.
 """
+
+import functools
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .arrays import Scalar
+
+_DENSE = 1024
 
 
 def grid(N: int) -> Float[Array, "N"]:
@@ -21,45 +29,54 @@ def grid(N: int) -> Float[Array, "N"]:
 
 
 def wavenumbers(N: int) -> np.ndarray:
-    """k = 0 … N/2, one per entry of a real FFT."""
+    """k = 0 … N/2, one per entry of a real transform."""
     return np.arange(N // 2 + 1)
 
 
-# Up to this many nodes a product with a constant matrix beats two small transforms (CPU).
-_DENSE = 128
+def _along(matrix: np.ndarray, f: Float[Array, "..."], axis: int) -> Float[Array, "..."]:
+    """The matrix applied along one axis."""
+    return jnp.moveaxis(jnp.moveaxis(f, axis, -1) @ matrix.T, -1, axis)
 
 
-def _multiply(f: Float[Array, "..."], symbol: np.ndarray, axis: int) -> Float[Array, "..."]:
-    if f.shape[axis] <= _DENSE:
-        rows = jnp.moveaxis(f, axis, -1)
-        return jnp.moveaxis(rows @ circulant(symbol, f.shape[axis]).T, -1, axis)
+def multiply(f: Float[Array, "..."], symbol: np.ndarray, axis: int = -1) -> Float[Array, "..."]:
+    """Multiplies mode k by symbol[k], k = 0 … N/2."""
+    N = f.shape[axis]
+    if N <= _DENSE:
+        return _along(circulant(symbol, N), f, axis)
     shape = [1] * f.ndim
     shape[axis] = -1
-    return jnp.fft.irfft(jnp.fft.rfft(f, axis=axis) * symbol.reshape(shape), f.shape[axis], axis=axis)
-
-
-def derivative_symbol(N: int, order: int = 1) -> np.ndarray:
-    """(ik)^order, zero at Nyquist."""
-    symbol = (1j * wavenumbers(N)) ** order
-    symbol[-1] = 0
-    return symbol
-
-
-def derivative(f: Float[Array, "..."], order: int = 1, axis: int = -1) -> Float[Array, "..."]:
-    """d^order f / dα^order at the nodes."""
-    return _multiply(f, derivative_symbol(f.shape[axis], order), axis)
+    return jnp.fft.irfft(jnp.fft.rfft(f, axis=axis) * symbol.reshape(shape), N, axis=axis)
 
 
 def circulant(symbol: np.ndarray, N: int) -> np.ndarray:
-    """The matrix (N, N) that multiplies mode k of a grid function by symbol[k], k = 0 … N/2."""
+    """The matrix (N, N) of `multiply`."""
     column = np.fft.irfft(symbol, N)
     j = np.arange(N)
     return column[(j[:, None] - j[None, :]) % N]
 
 
+def derivative_symbol(N: int) -> np.ndarray:
+    """ik, zero at Nyquist."""
+    symbol = 1j * wavenumbers(N)
+    symbol[-1] = 0
+    return symbol
+
+
+def derivative(f: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
+    """df/dα at the nodes."""
+    return multiply(f, derivative_symbol(f.shape[axis]), axis)
+
+
 def derivative_matrix(N: int) -> np.ndarray:
     """The matrix of `derivative`."""
     return circulant(derivative_symbol(N), N)
+
+
+def antiderivative(f: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
+    """∫ (f - mean) dα with mean zero."""
+    N = f.shape[axis]
+    k = wavenumbers(N)
+    return multiply(f, np.where((k > 0) & (k < N // 2), -1j / np.maximum(k, 1), 0), axis)
 
 
 def low_pass_symbol(N: int, cut: int) -> np.ndarray:
@@ -69,47 +86,12 @@ def low_pass_symbol(N: int, cut: int) -> np.ndarray:
 
 def low_pass(f: Float[Array, "..."], cut: int, axis: int = -1) -> Float[Array, "..."]:
     """Removes the `cut` highest modes."""
-    return _multiply(f, low_pass_symbol(f.shape[axis], cut), axis)
+    return multiply(f, low_pass_symbol(f.shape[axis], cut), axis)
 
 
 def low_pass_matrix(N: int, cut: int) -> np.ndarray:
     """The matrix of `low_pass`."""
     return circulant(low_pass_symbol(N, cut), N)
-
-
-def resample(f: Float[Array, "..."], N: int, axis: int = -1) -> Float[Array, "..."]:
-    """The trigonometric interpolant of f on a grid of N nodes; exact both ways for resolved f."""
-    old = f.shape[axis]
-    if N == old:
-        return f
-    f_hat = jnp.fft.rfft(f, axis=axis)
-    keep = min(old, N) // 2
-    f_hat = jnp.take(f_hat, jnp.arange(keep), axis=axis)  # Nyquist of the coarser grid is ambiguous: drop it
-    return jnp.fft.irfft(f_hat, N, axis=axis) * (N / old)
-
-
-def evaluate(f: Float[Array, "N *rest"], alpha: Float[Array, "P"]) -> Float[Array, "P *rest"]:
-    """The trigonometric interpolant of f at the parameters `alpha`; node axis first."""
-    N = f.shape[0]
-    k = wavenumbers(N)
-    weight = np.where((k == 0) | (k == N // 2), 1.0, 2.0) / N
-    f_hat = jnp.fft.rfft(f, axis=0)
-    phase = jnp.exp(1j * alpha[:, None] * k) * weight
-    return jnp.real(jnp.tensordot(phase, f_hat, axes=1))
-
-
-def spectral_tail(f: Float[Array, "..."], cut: int, axis: int = -1) -> Scalar:
-    """How much is left at the top of the spectrum: round-off for a resolved f, near 1 for an unresolved one.
-
-    The largest amplitude among the top eighth of the modes that survive `low_pass(f, cut)`, over the
-    largest of all modes but the mean.
-    """
-    N = f.shape[axis]
-    size = jnp.moveaxis(jnp.abs(jnp.fft.rfft(f, axis=axis)), axis, -1)
-    size = size.reshape(-1, size.shape[-1]).max(axis=0)
-    last = N // 2 - cut
-    high = size[last - last // 8 + 1 : last + 1].max()
-    return high / jnp.maximum(size[1:].max(), jnp.finfo(size.dtype).tiny)
 
 
 def high_modes(N: int, cut: int) -> np.ndarray:
@@ -118,3 +100,53 @@ def high_modes(N: int, cut: int) -> np.ndarray:
     phase = 2 * np.pi * np.outer(j, k) / N
     pairs = np.concatenate([np.cos(phase), np.sin(phase)], axis=1) * np.sqrt(2 / N)
     return np.concatenate([pairs, ((-1.0) ** j)[:, None] / np.sqrt(N)], axis=1)
+
+
+@functools.cache
+def resampling_matrix(N: int, K: int) -> np.ndarray:
+    """The matrix (K, N) of `resample`."""
+    spectrum = np.fft.rfft(np.eye(N), axis=0)
+    if K < N:
+        spectrum = spectrum[: K // 2]  # what would alias, and the Nyquist mode of the coarser grid
+    elif K > N:
+        spectrum[-1] *= 0.5  # a mode of its own on the finer grid, shared between ±N/2
+    return np.fft.irfft(spectrum, K, axis=0) * (K / N)
+
+
+def resample(f: Float[Array, "..."], K: int, axis: int = -1) -> Float[Array, "..."]:
+    """The trigonometric interpolant of f on a grid of K nodes; on a finer one its values at the old nodes stay."""
+    N = f.shape[axis]
+    return f if K == N else _along(resampling_matrix(N, K), f, axis)
+
+
+def coefficients(f: Float[Array, "N *rest"]) -> tuple[Float[Array, "k *rest"], Float[Array, "k *rest"]]:
+    """Cosine and sine coefficients a_k, b_k, k = 0 … N/2, of f = Σ a_k cos kα + b_k sin kα; node axis first."""
+    N = f.shape[0]
+    transform = np.fft.rfft(np.eye(N), axis=0)
+    k = wavenumbers(N)
+    weight = np.where((k == 0) | (k == N // 2), 1.0, 2.0)[:, None] / N
+    return jnp.tensordot(weight * transform.real, f, 1), jnp.tensordot(-weight * transform.imag, f, 1)
+
+
+def series(modes: tuple[Float[Array, "k *rest"], Float[Array, "k *rest"]], alpha: Float[Array, "P"]):
+    """Σ a_k cos kα + b_k sin kα at the parameters `alpha`, (P, *rest), from `coefficients`."""
+    phase = alpha[:, None] * np.arange(modes[0].shape[0])
+    return jnp.tensordot(jnp.cos(phase), modes[0], 1) + jnp.tensordot(jnp.sin(phase), modes[1], 1)
+
+
+def evaluate(f: Float[Array, "N *rest"], alpha: Float[Array, "P"]) -> Float[Array, "P *rest"]:
+    """The trigonometric interpolant of f at the parameters `alpha`; node axis first."""
+    return series(coefficients(f), alpha)
+
+
+def spectral_tail(f: Float[Array, "N *rest"], cut: int) -> Scalar:
+    """How much is left at the top of the spectrum: round-off for a resolved f, near 1 for an unresolved one.
+
+    The largest amplitude among the top eighth of the modes that survive `low_pass(f, cut)`, over the
+    largest of all modes but the mean; node axis first.
+    """
+    cosine, sine = coefficients(f)
+    size = jnp.max(jnp.abs(cosine) + jnp.abs(sine), axis=tuple(range(1, f.ndim)))
+    last = f.shape[0] // 2 - cut
+    high = jnp.max(size[last - last // 8 + 1 : last + 1])
+    return high / jnp.maximum(jnp.max(size[1:]), jnp.finfo(size.dtype).tiny)

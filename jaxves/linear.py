@@ -9,6 +9,7 @@ they never unroll or differentiate a factorisation.
 """
 
 import abc
+import functools
 from collections.abc import Callable
 
 import equinox as eqx
@@ -26,7 +27,7 @@ Vector = Float[Array, "n"]
 class Solution(eqx.Module):
     """x of A x = b, |b - A x| / |b| (0 for b = 0), and how many applications of A it took (0: direct)."""
 
-    value: Vector
+    value: Float[Array, "*rest"]
     residual: Scalar
     iterations: Int[Array, ""]
 
@@ -69,6 +70,55 @@ def _relative_residual(mv, x, b) -> Scalar:
     return jnp.max(jnp.abs(b - mv(x))) / jnp.where(size > 0, size, 1.0)
 
 
+def _one_by_one(function):
+    """Batches a LAPACK call as a loop on CPUs, where JAX's batched calls can lock up.
+
+    A batched call waits for helpers from the thread pool that it runs on itself; two at once, in a compiled loop,
+    wait for each other for ever (jaxlib 0.10). Other platforms batch as they like.
+    """
+    single = jax.custom_batching.custom_vmap(function)
+
+    @single.def_vmap
+    def batched(size, is_batched, *args):
+        args = [
+            arg if flag else jnp.broadcast_to(arg, (size, *arg.shape))
+            for arg, flag in zip(args, is_batched, strict=True)
+        ]
+        out = lax.platform_dependent(
+            *args, cpu=lambda *args: lax.map(lambda one: single(*one), args), default=jax.vmap(function)
+        )
+        return out, jax.tree.map(lambda _: True, out)
+
+    return single
+
+
+@_one_by_one
+def _lu(matrix):
+    lu, _, order = lax.linalg.lu(matrix)
+    return lu, order
+
+
+@_one_by_one
+def _cholesky(matrix):
+    return lax.linalg.cholesky(matrix, symmetrize_input=False)
+
+
+def _triangular(*, lower: bool, transpose: bool = False, unit: bool = False):
+    return _one_by_one(
+        functools.partial(
+            lax.linalg.triangular_solve, left_side=True, lower=lower, transpose_a=transpose, unit_diagonal=unit
+        )
+    )
+
+
+_solve_unit_lower = _triangular(lower=True, unit=True)
+_solve_unit_lower_transposed = _triangular(lower=True, unit=True, transpose=True)
+_solve_lower = _triangular(lower=True)
+_solve_lower_transposed = _triangular(lower=True, transpose=True)
+_solve_upper = _triangular(lower=False)
+_solve_upper_transposed = _triangular(lower=False, transpose=True)
+
+
 class AbstractFactoredDense(AbstractFactored):
     """Triangular factors of `operator.matrix`."""
 
@@ -104,12 +154,10 @@ class FactoredLU(AbstractFactoredDense):
     order: Int[Array, "n"]
 
     def _substitute(self, b):
-        y = lax.linalg.triangular_solve(self.lu, b[self.order], left_side=True, lower=True, unit_diagonal=True)
-        return lax.linalg.triangular_solve(self.lu, y, left_side=True, lower=False)
+        return _solve_upper(self.lu, _solve_unit_lower(self.lu, b[self.order]))
 
     def _substitute_transposed(self, b):
-        y = lax.linalg.triangular_solve(self.lu, b, left_side=True, lower=False, transpose_a=True)
-        z = lax.linalg.triangular_solve(self.lu, y, left_side=True, lower=True, transpose_a=True, unit_diagonal=True)
+        z = _solve_unit_lower_transposed(self.lu, _solve_upper_transposed(self.lu, b))
         return jnp.zeros_like(z).at[self.order].set(z)
 
 
@@ -120,8 +168,7 @@ class FactoredCholesky(AbstractFactoredDense):
     lower: Float[Array, "n n"]
 
     def _substitute(self, b):
-        y = lax.linalg.triangular_solve(self.lower, b, left_side=True, lower=True)
-        return lax.linalg.triangular_solve(self.lower, y, left_side=True, lower=True, transpose_a=True)
+        return _solve_lower_transposed(self.lower, _solve_lower(self.lower, b))
 
     _substitute_transposed = _substitute
 
@@ -133,9 +180,8 @@ class Dense(AbstractSolver):
         # Solves differentiate implicitly, so the factors themselves carry no derivative.
         matrix = lax.stop_gradient(operator.matrix)
         if operator.positive_definite:
-            return FactoredCholesky(operator, lax.linalg.cholesky(matrix, symmetrize_input=False))
-        lu, _, order = lax.linalg.lu(matrix)
-        return FactoredLU(operator, lu, order)
+            return FactoredCholesky(operator, _cholesky(matrix))
+        return FactoredLU(operator, *_lu(matrix))
 
 
 class FactoredGMRES(AbstractFactored):
@@ -166,9 +212,7 @@ class FactoredGMRES(AbstractFactored):
             return x, count
 
         precondition = self.operator.precondition
-        x, count = lax.custom_linear_solve(
-            self.operator.mv, b, solve=iterate, transpose_solve=iterate, has_aux=True
-        )
+        x, count = lax.custom_linear_solve(self.operator.mv, b, solve=iterate, transpose_solve=iterate, has_aux=True)
         return Solution(x, _relative_residual(self.operator.mv, x, b), count)
 
 

@@ -4,12 +4,9 @@ Functions take data and return a matplotlib `Figure`; none needs a display, touc
 settings. A `record` is what `store.load` returns; the result of a simulation has the same attributes but
 for the scene, whose field and flow are then not drawn.
 
-Lengths are in a, times in t_κ, potentials in a|E_∞|, tensions in κ_B/a². Membranes are coloured by V_m or by
-the tension λ. What changes sign gets a symmetric scale on a map that is dark at zero (the light centre of the
-usual ones would vanish on paper), blue below and orange above; what does not gets viridis.
+Membranes are coloured by V_m or by the tension λ; `plotstyle` has the units and the colours.
 """
 
-import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,63 +16,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from matplotlib import colormaps, rc_context
+from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 
 from . import fourier, membrane
 from .around import around
-from .diagnostics import QUANTITIES
 from .equation import Equation, Unknowns
+from .plotstyle import COLUMN, INK, PAGE, STYLE, SYMBOLS, component_label, quantity_label, scale, time_label
 
-STYLE = {
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7,
-    "mathtext.fontset": "cm",
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "lines.linewidth": 1.2,
-    "legend.frameon": False,
-    "axes.prop_cycle": "cycler('color', ['0072B2', 'D55E00', '009E73', 'CC79A7', 'E69F00', '56B4E9'])",
-    "figure.dpi": 200,
-    "figure.constrained_layout.use": True,
-}
-COLUMN, PAGE = 3.4, 7.0  # widths in inches
-_INK = "0.15"
-_SIGNED = LinearSegmentedColormap.from_list("blue_dark_orange", ["#35b1f0", "#1b6ca8", "#262626", "#b3560d", "#ffa62b"])
-_UNSIGNED = ListedColormap(colormaps["viridis"](np.linspace(0, 0.9, 256)))  # its yellow end is too faint for a line
 _GRADIENTS = {"shear": ((0, 1), (0, 0)), "extension": ((1, 0), (0, -1))}
-_SYMBOLS = {
-    "V_m": r"$V_m\ (E_\infty a)$",
-    "tension": r"$\lambda\ (\kappa_B/a^2)$",
-    "deformation": r"$D$",
-    "deformation_along_field": r"$D_E$",
-    "inclination": r"$\theta$",
-    "inclination_unwrapped": r"$\theta$",
-    "effective_viscosity": r"$[\mu]$",
-    "max_V_m": r"$\max|V_m|$",
-    "tension_min": r"$\min\lambda$",
-    "tension_max": r"$\max\lambda$",
-    "min_gap": r"$d_{\min}$",
-}
 _HISTORY = ("deformation", "inclination_unwrapped", "effective_viscosity", "max_V_m", "min_gap")
-
-
-def scale(values: np.ndarray) -> ScalarMappable:
-    """Colours for all finite `values`: centred on 0 where they change sign, else from least to greatest."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    if low < 0 < high:
-        low, high = min(low, -high), max(-low, high)
-        return ScalarMappable(Normalize(low, high), _SIGNED)
-    return ScalarMappable(Normalize(low, high), _UNSIGNED)
 
 
 def membranes(
@@ -95,7 +49,7 @@ def membranes(
 
     lines = LineCollection(edges(x).reshape(-1, 2, 2), linewidths=1.8, capstyle="round", zorder=3)
     if values is None:
-        lines.set_color(_INK)
+        lines.set_color(INK)
     else:
         colors = scale(values) if colors is None else colors
         lines.set(array=edges(values).mean(axis=2).ravel(), norm=colors.norm, cmap=colors.cmap)
@@ -130,12 +84,12 @@ def snapshots(record, times: Sequence[float] | None = None, *, count: int = 5, c
     panels = [figure.add_subplot(grid[i // columns, i % columns + forced]) for i in range(len(rows))]
     for ax, row in zip(panels, rows, strict=True):
         membranes(ax, x[row], values[row], colors)
-        ax.set(xlim=window[:2], ylim=window[2:], title=_time(t[row]))
+        ax.set(xlim=window[:2], ylim=window[2:], title=time_label(t[row]))
         ax.set_axis_off()
     bar = np.mean(window[:2]) + np.array([-0.5, 0.5])
-    panels[0].plot(bar, [window[2] + 0.05] * 2, color=_INK, linewidth=1.5, solid_capstyle="butt")
+    panels[0].plot(bar, [window[2] + 0.05] * 2, color=INK, linewidth=1.5, solid_capstyle="butt")
     panels[0].annotate("$a$", (bar[1], window[2] + 0.05), (3, 0), textcoords="offset points", va="center")
-    figure.colorbar(colors, ax=panels, label=_SYMBOLS[color], shrink=0.8, aspect=18 * lines, pad=0.02)
+    figure.colorbar(colors, ax=panels, label=SYMBOLS[color], shrink=0.8, aspect=18 * lines, pad=0.02)
     return figure
 
 
@@ -154,10 +108,12 @@ def history(record, names: Sequence[str] | None = None) -> Figure:
     for ax, name in zip(axes, names, strict=True):
         values = np.asarray(known[name])
         for index in np.ndindex(values.shape[1:]):
-            ax.plot(np.asarray(record.t), values[(slice(None), *index)], label=_component(name, values.shape, index))
+            ax.plot(
+                np.asarray(record.t), values[(slice(None), *index)], label=component_label(name, values.shape, index)
+            )
         if values[0].size > 1:
             ax.legend(ncols=values[0].size, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0, handlelength=1.2)
-        ax.set_ylabel(_label(name))
+        ax.set_ylabel(quantity_label(name))
         ax.margins(x=0)
         ax.spines[["top", "right"]].set_visible(False)
     axes[-1].set_xlabel(r"$t/t_\kappa$")
@@ -202,8 +158,8 @@ def _lines(equation, t, y, color, *, window=None, resolution=160, density=1.3) -
     density = (density, density * _aspect(window))
     ax.streamplot(across, upward, u, v, density=density, color="0.55", linewidth=0.5, arrowsize=0.5)
     drawn = membranes(ax, x, np.asarray(tension if color == "tension" else y.V_m))
-    ax.set(xlim=window[:2], ylim=window[2:], xlabel="$x/a$", ylabel="$y/a$", title=_time(t))
-    figure.colorbar(drawn, ax=ax, label=_SYMBOLS[color], shrink=0.8, aspect=22)
+    ax.set(xlim=window[:2], ylim=window[2:], xlabel="$x/a$", ylabel="$y/a$", title=time_label(t))
+    figure.colorbar(drawn, ax=ax, label=SYMBOLS[color], shrink=0.8, aspect=22)
     return figure
 
 
@@ -233,11 +189,11 @@ def animation(record, path: str | Path, *, color: str | None = None, frames: int
     figure = Figure(figsize=(COLUMN, min((COLUMN - 0.6) * _aspect(window) + 0.3, 2 * COLUMN)))
     ax = figure.add_subplot(xlim=window[:2], ylim=window[2:])
     ax.set_axis_off()
-    figure.colorbar(colors, ax=ax, label=_SYMBOLS[color], shrink=0.8)
+    figure.colorbar(colors, ax=ax, label=SYMBOLS[color], shrink=0.8)
     with writer.saving(figure, str(path), dpi=figure.dpi):
         for row in np.unique(np.linspace(0, len(x) - 1, frames).round().astype(int)):
             drawn = membranes(ax, x[row], values[row], colors)
-            ax.set_title(_time(record.t[row]))
+            ax.set_title(time_label(record.t[row]))
             writer.grab_frame()
             drawn.remove()
 
@@ -260,33 +216,6 @@ def _aspect(window: np.ndarray) -> float:
     return float((window[3] - window[2]) / (window[1] - window[0]))
 
 
-def _time(t: float) -> str:
-    return rf"$t = {float(t):.3g}\,t_\kappa$"
-
-
-def _label(name: str) -> str:
-    units = QUANTITIES[name].units if name in QUANTITIES else "1"
-    for word, letter in (
-        ("t_kappa", r"t_\\kappa"),
-        ("kappa_B", r"\\kappa_B"),
-        ("eps", r"\\varepsilon"),
-        ("inf", r"\\infty"),
-    ):
-        units = re.sub(rf"\b{word}|(?<=_){word}", letter, units)
-    symbol = _SYMBOLS.get(name, name.replace("_", " "))
-    return {"1": symbol, "rad": f"{symbol} (rad)"}.get(units, f"{symbol} (${units}$)")
-
-
-def _component(name: str, shape: tuple[int, ...], index: tuple[int, ...]) -> str:
-    """Vesicles are numbered from 1, components called x and y; an axis of length 1 needs no name."""
-    dims = QUANTITIES[name].dims[1:] if name in QUANTITIES else ("vesicle",) * len(index)
-    return "".join(
-        (f"{i + 1} " if dim == "vesicle" else "xy"[i])
-        for dim, i, size in zip(dims, index, shape[1:], strict=True)
-        if size > 1
-    )
-
-
 def _draw_forcing(ax: Axes, tables: dict) -> None:
     """The imposed field as one arrow, the imposed flow as a few, one below the other."""
     both = "field" in tables and "flow" in tables
@@ -297,7 +226,7 @@ def _draw_forcing(ax: Axes, tables: dict) -> None:
         half = np.array(tables["field"].get("direction", (0.0, 1.0)), dtype=float)
         half = 0.6 * half / np.linalg.norm(half)
         center = np.array([0.0, 1.0 if both else 0.0])
-        arrow = dict(arrowstyle="-|>", color=_INK, linewidth=1.0, shrinkA=0, shrinkB=0)
+        arrow = dict(arrowstyle="-|>", color=INK, linewidth=1.0, shrinkA=0, shrinkB=0)
         ax.annotate("", center + half, center - half, arrowprops=arrow)
         ax.annotate(r"$\mathbf{E}_\infty$", center, 18 * np.array([half[1], -half[0]]), **text)
     if "flow" in tables:
@@ -307,7 +236,7 @@ def _draw_forcing(ax: Axes, tables: dict) -> None:
         places = 0.6 * np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
         center = -1.0 if both else 0.0
         ax.quiver(
-            *places.T + np.array([[0.0], [center]]), *gradient @ places.T, color=_INK, angles="xy", scale_units="xy",
+            *places.T + np.array([[0.0], [center]]), *gradient @ places.T, color=INK, angles="xy", scale_units="xy",
             scale=1.2, pivot="mid", units="xy", width=0.08,
         )  # fmt: skip
         ax.annotate(r"$\mathbf{v}_\infty$", (0.0, center - 0.75), (0, -5), **text)

@@ -1,87 +1,61 @@
-"""A run as users start it: from a scene file to a result file, in stretches, with progress and a restart.
+"""A run as users start it: from a scene file to a result file, with progress and a restart.
 
-Compiled code marches over one stretch of saved times; between stretches Python writes the file, shows
-progress, and can be interrupted. A run continued from its file repeats the same stretches with the same
-compiled code, so its bits are those of an uninterrupted run (same machine, same jaxlib).
+Compiled code marches from one saved time to the next; in between Python writes the file, shows progress, and
+can be interrupted. The same compiled code makes every row, the first one too, so that a run continued from its
+file has the bits of an uninterrupted one, wherever it was cut (same machine, same jaxlib).
 """
 
-import math
 import time
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import diagnostics, phases, simulate, status, steppers, store
-from .arrays import VesiclePoints
+from . import diagnostics, phases, simulate, status, store
 from .build import build
-from .equation import Equation, Unknowns, equation_for
-from .scene import Scene
-from .scenefile import parse, to_toml
+from .problem import NotRelaxed, Problem, awaited, problem_of, relaxed, starting_scene, strengthened
+from .scenefile import to_toml
 from .scenetables import SceneFile
-from .simulate import AbstractMarch, Adaptive, Checks, Fixed, State
+from .simulate import State
 
-_STEPPERS = {"ark4": steppers.ARK4, "ark5": steppers.ARK5, "euler": steppers.SemiImplicitEuler}
-_STRETCH = 20  # saved times per stretch, at most
+_SECONDS = 0.5  # between writes: what a killed run may lose
+_START = "start"  # in the restart: the nodes at t = 0, relaxed and all, before they were filtered
 
 Progress = Callable[[float, str], None]  # time reached, what to say of it
 
 
-def march_of(scene_file: SceneFile) -> AbstractMarch:
-    """The way of stepping that `[numerics]` asks for."""
-    numerics = scene_file.numerics
-    stepper = _STEPPERS[numerics.method]()
-    if numerics.time_step is None:
-        return Adaptive(numerics.tolerance, stepper)
-    steps = math.ceil(scene_file.t_end / scene_file.saves / numerics.time_step * (1 - 1e-12))
-    return Fixed(steps, stepper)
-
-
-def relax(x: VesiclePoints, bending) -> VesiclePoints:
-    """Equilibrium of each vesicle by itself, without field or flow, in its place and direction.
-
-    Raises RuntimeError when a vesicle has not come to rest by t = 200 t_κ.
-    """
-
-    @eqx.filter_jit
-    def alone(x, bending):
-        return simulate.simulate(
-            Scene(x[None], bending[None]), 200.0, saves=40, march=Adaptive(1e-7), checks=Checks(steady=1e-8)
-        )
-
-    relaxed = []
-    for m in range(x.shape[0]):
-        result = alone(x[m], bending[m])
-        if int(result.status) != status.STEADY:
-            raise RuntimeError(f"vesicle {m} did not relax to equilibrium: {result.word}.")
-        relaxed.append(result.state.y.x[0])
-    return jnp.stack(relaxed)
+class Broken(Exception):
+    """The result file cannot be written any more; what it has is kept."""
 
 
 @eqx.filter_jit
-def _begin(equation: Equation, march: AbstractMarch, average):
-    state = simulate.initial_state(equation, march, average)
-    return state, simulate.observe(equation, state.t, state.y, state.angle)
+def _march(problem: Problem, state: State, t_save):
+    return simulate.advance(problem.equation, problem.march, state, t_save[None], problem.stops, problem.checks)
 
 
 @eqx.filter_jit
-def _stretch(equation, march, state, times, stops, checks):
-    return simulate.advance(equation, march, state, times, stops, checks)
+def _means(window: simulate.Window, scene):
+    return diagnostics.averages(window.means(), scene)
 
 
-def _restart_leaves(state: State) -> dict[str, np.ndarray]:
+def _named(state: State) -> dict[str, np.ndarray]:
     leaves, _ = jax.tree_util.tree_flatten_with_path(state)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf) for path, leaf in leaves}
 
 
 def _restored(template: State, leaves: dict[str, np.ndarray]) -> State:
-    paths, structure = jax.tree_util.tree_flatten_with_path(template)
-    names = [jax.tree_util.keystr(path, simple=True, separator="/") for path, _ in paths]
-    return jax.tree_util.tree_unflatten(structure, [jnp.asarray(leaves[name]) for name in names])
+    names = list(_named(template))
+    state = jax.tree.unflatten(jax.tree.structure(template), [jnp.asarray(leaves[name]) for name in names])
+    if int(state.status) != status.TOO_MANY_STEPS:
+        return state
+    # That limit is meant for one sitting.
+    return eqx.tree_at(
+        lambda s: (s.status, s.steps, s.rejected), state, (jnp.int32(status.RUNNING), *jnp.int32([0, 0]))
+    )
 
 
 def _description(name: str) -> store.Description:
@@ -90,21 +64,36 @@ def _description(name: str) -> store.Description:
     return store.Description(*diagnostics.QUANTITIES[name.removeprefix("diagnostics/")])
 
 
-def _reached(scene_file: SceneFile, deformation: list[np.ndarray]) -> bool:
-    wanted = scene_file.stop.class_ if scene_file.stop is not None else None
-    if wanted is None:
-        return False
-    found = phases.classify(jnp.concatenate([jnp.asarray(block) for block in deformation]))
-    return all(phases.NAMES[int(code)] == wanted for code in found)
+class _Rows:
+    """Rows on their way into the file, written now and then, with the state to continue from after the last.
 
+    `start` is None for a run that nobody can continue.
+    """
 
-def reconstructed(record: store.Record, t: float) -> tuple[Equation, float, Unknowns]:
-    """The equation of a result, and its state at the saved time nearest to t."""
-    scene_file = parse(tomllib.loads(record.scene))
-    scene = eqx.tree_at(lambda s: s.x, build(scene_file), jnp.asarray(record.x[0]))
-    row = int(np.argmin(np.abs(record.t - t)))
-    V_m = None if record.V_m is None else jnp.asarray(record.V_m[row])
-    return equation_for(scene), float(record.t[row]), Unknowns(jnp.asarray(record.x[row]), V_m)
+    state: State
+
+    def __init__(self, writer: store.Writer, start: np.ndarray | None):
+        self.writer = writer
+        self.start = start
+        self.deformation: list[np.ndarray] = []  # along the field, of all rows there are
+        self._waiting: list[dict[str, np.ndarray]] = []
+        self._written = time.perf_counter()
+
+    def add(self, row: dict[str, np.ndarray], state: State) -> None:
+        if len(row["t"]):
+            self._waiting.append(row)
+            self.deformation.extend(row.get("diagnostics/deformation_along_field", ()))
+            self.state = state
+        if time.perf_counter() > self._written + _SECONDS:
+            self.write()
+
+    def write(self) -> None:
+        if self._waiting:
+            block = {name: np.concatenate([row[name] for row in self._waiting]) for name in self._waiting[0]}
+            restart = {} if self.start is None else _named(self.state) | {_START: self.start}
+            self.writer.append(block, restart)
+            self._waiting = []
+        self._written = time.perf_counter()
 
 
 def run(
@@ -117,74 +106,121 @@ def run(
 ) -> str:
     """Runs a scene file into a result file; returns the status word. Ctrl-C ends it as "interrupted".
 
+    With `resume` the file is continued; one that is done already is left as it is.
+
     Raises:
         store.StoreError: the file exists (without `force`), cannot be written, or cannot be resumed.
-        RuntimeError: a vesicle that is to be relaxed does not come to rest.
+        Broken: it can no longer be written.
+        KeyboardInterrupt: Ctrl-C before there was anything to write.
     """
-    began = time.perf_counter()
-    scene = build(scene_file)
-    wanted = jnp.array([vesicle.relaxed for vesicle in scene_file.vesicles])
-    if wanted.any():
-        progress(0.0, "relaxing")
-        relaxed = jnp.where(wanted[:, None, None], relax(scene.x, scene.bending), scene.x)
-        scene = eqx.tree_at(lambda s: s.x, scene, relaxed)
-    average = None if scene_file.average is None else jnp.array(scene_file.average)
-    equation = equation_for(scene, integrands=None if average is None else diagnostics.averaged)
-    march = march_of(scene_file)
-    steady = None if scene_file.stop is None or scene_file.stop.steady is None else jnp.asarray(scene_file.stop.steady)
-    checks = Checks(steady=steady)
-    saves = scene_file.saves
-    times = scene_file.t_end * np.arange(1, saves + 1) / saves
-    stops = simulate.stops_of(scene, scene_file.t_end, average)
-    # Stretches of one length compile once: the largest divisor will do.
-    stretch = max(k for k in range(1, _STRETCH + 1) if saves % k == 0)
-
-    progress(0.0, "compiling")
-    state, first = _begin(equation, march, average)
-    first["nodes"] = jnp.full(scene.x.shape[0], scene.x.shape[1])
-    text = to_toml(scene_file)
-    if resume:
-        writer, leaves = store.resume(path)
-        if store.load(path).scene != text:
-            writer.close()
-            raise store.StoreError(f"{path} holds another scene: it can be resumed only with its own.")
-        state = _restored(state, leaves)
-        state = eqx.tree_at(lambda s: s.status, state, jnp.int32(status.RUNNING))
-    else:
-        datasets = {name: _description(name) for name in first}
-        M, N = scene.x.shape[:2]
-        attributes = {"device": str(jax.devices()[0]), "method": type(march.stepper).__name__}
-        writer = store.Writer(
-            path, scene_text=text, attributes=attributes, saves=saves + 1, vesicles=M, nodes=N, datasets=datasets,
-            force=force,
-        )  # fmt: skip
-    with writer:
-        if not resume:
-            writer.append({name: np.asarray(value)[None] for name, value in first.items()}, _restart_leaves(state))
-        seen = [np.asarray(first["diagnostics/deformation_along_field"])[None]] if scene.field is not None else []
-        code = status.RUNNING
+    began, path = time.perf_counter(), Path(path)
+    if resume and store.is_done(path, to_toml(scene_file)):
+        return store.load(path).status
+    begun = _continued(scene_file, path) if resume else _new(scene_file, path, force, progress)
+    with begun.rows.writer as writer:
         try:
-            while code == status.RUNNING and writer.saved <= saves:
-                block = times[writer.saved - 1 : writer.saved - 1 + stretch]
-                state, rows = _stretch(equation, march, state, jnp.asarray(block), stops, checks)
-                rows = {name: np.asarray(value) for name, value in rows.items()}
-                valid = int(np.sum(~np.isnan(rows["t"])))
-                rows["nodes"] = np.full((stretch, scene.x.shape[0]), scene.x.shape[1])
-                if valid:
-                    writer.append({name: value[:valid] for name, value in rows.items()}, _restart_leaves(state))
-                code = int(state.status)
-                progress(float(state.t), f"{int(state.steps)} steps")
-                if scene.field is not None:
-                    seen.append(rows["diagnostics/deformation_along_field"][:valid])
-                    if code == status.RUNNING and _reached(scene_file, seen):
-                        code = status.CLASS_REACHED
-            code = status.COMPLETE if code == status.RUNNING else code
-        except KeyboardInterrupt:
-            code = status.INTERRUPTED
-        word = status.WORDS[code]
-        means = None
-        if average is not None and float(state.window.reached[1]) > float(state.window.reached[0]):
-            found = diagnostics.averages(state.window.means(), scene)
-            means = {name: np.asarray(value) for name, value in found.items()}
-        writer.finish(word, status.ADVICE[word], time.perf_counter() - began, means)
+            if begun.failed is None:
+                word = status.WORDS[_marched(scene_file, begun, progress)]
+                advice = status.ADVICE[word]
+            else:
+                word, advice = begun.failed.word, f"{begun.failed}."
+            begun.rows.write()
+            writer.finish(word, advice, time.perf_counter() - began, _averages(begun))
+        except store.StoreError as error:
+            raise Broken(str(error)) from error
     return word
+
+
+class _Begun(NamedTuple):
+    """A run with its file open, at the last row in it."""
+
+    problem: Problem
+    state: State
+    rows: _Rows
+    failed: NotRelaxed | None = None
+
+
+def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> _Begun:
+    """The first row is in the file."""
+    scene, failed = starting_scene(scene_file), None
+    which = [vesicle.relaxed for vesicle in scene_file.vesicles]
+    if any(which):
+        progress(0.0, "relaxing")
+        try:
+            scene = relaxed(scene, which)
+        except NotRelaxed as error:
+            failed = error
+    progress(0.0, "compiling")
+    problem = strengthened(problem_of(scene_file, scene))
+    state, row = _stepped(problem, problem.state, 0.0)
+    # Nothing has moved; but a start may be beyond the limits already.
+    state = eqx.tree_at(lambda s: s.status, problem.state, state.status)
+    M, N = scene.x.shape[:2]
+    writer = store.Writer(
+        path,
+        scene_text=to_toml(scene_file),
+        attributes={"device": str(jax.devices()[0])},
+        saves=scene_file.saves + 1,
+        vesicles=M,
+        nodes=N,
+        datasets={name: _description(name) for name in row},
+        force=force,
+    )
+    rows = _Rows(writer, None if failed else np.asarray(scene.x))
+    rows.add(row, state)
+    rows.write()
+    return _Begun(problem, state, rows, failed)
+
+
+def _continued(scene_file: SceneFile, path: Path) -> _Begun:
+    """At the last row of the file. Nodes are not sought and vesicles not relaxed again: the file has the start."""
+    deformation = store.load(path).diagnostics.get("deformation_along_field", ())
+    writer, leaves = store.resume(path)
+    start = leaves.pop(_START)
+    scene = eqx.tree_at(lambda s: s.x, build(scene_file), jnp.asarray(start))
+    problem = strengthened(problem_of(scene_file, scene))
+    rows = _Rows(writer, start)
+    rows.deformation.extend(deformation)
+    rows.state = _restored(problem.state, leaves)
+    return _Begun(problem, rows.state, rows)
+
+
+def _stepped(problem: Problem, state: State, t_save: float) -> tuple[State, dict[str, np.ndarray]]:
+    """The state at the next saved time, and the row for it: empty when the run ended before."""
+    state, row = awaited(_march(problem, state, np.asarray(t_save)))
+    row = {name: np.asarray(value) for name, value in row.items()}
+    row["nodes"] = np.full((1, row["x"].shape[1]), row["x"].shape[2])
+    there = ~np.isnan(row["t"])
+    return state, {name: value[there] for name, value in row.items()}
+
+
+def _marched(scene_file: SceneFile, begun: _Begun, progress: Progress) -> int:
+    """Marches to the end of the run; returns its status."""
+    problem, state, rows, _ = begun
+    wanted = None if scene_file.stop is None else scene_file.stop.class_
+
+    def code() -> int:
+        if wanted and int(state.status) == status.RUNNING and phases.reached(np.array(rows.deformation), wanted):
+            return status.CLASS_REACHED
+        return int(state.status)
+
+    times = scene_file.t_end * np.arange(scene_file.saves + 1) / scene_file.saves
+    found = code()
+    try:
+        for t_save in times[rows.writer.saved :]:
+            if found != status.RUNNING:
+                break
+            state, row = _stepped(problem, state, t_save)
+            rows.add(row, state)
+            found = code()
+            progress(float(state.t), f"{int(state.steps)} steps")
+    except KeyboardInterrupt:
+        return status.INTERRUPTED
+    return status.COMPLETE if found == status.RUNNING else found
+
+
+def _averages(begun: _Begun) -> dict[str, np.ndarray] | None:
+    window = begun.rows.state.window
+    if window is None or not window.reached[1] > window.reached[0]:
+        return None
+    return {name: np.asarray(value) for name, value in _means(window, begun.problem.equation.scene).items()}

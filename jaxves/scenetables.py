@@ -128,7 +128,10 @@ class LinearFlow(FlowTable):
 
 
 class StopTable(Table):
-    """End early: when nothing moves any more, or when the class of the motion is known."""
+    """End early: when nothing moves any more, or when the history of all vesicles has become of a class.
+
+    A class that the start has already is not one to wait for; see `phases`.
+    """
 
     steady: Positive | None = None
     class_: one_of("P", "O", "POP") | None = Field(None, alias="class")
@@ -141,13 +144,17 @@ class StopTable(Table):
 
 
 class NumericsTable(Table):
-    """How it is computed."""
+    """How it is computed.
+
+    `nodes = "auto"` takes the fewest of 64, 96, 128, 192 and 256 with which the starting curves are resolved: the
+    top of their spectra is below 1e-6 of the largest mode. The number then stays, and `/nodes` of the result tells it.
+    """
 
     nodes: NodeCount = 64
     tolerance: Tolerance | None = None  # 1e-4, unless there is a time_step
     time_step: Positive | None = None
     method: one_of("ark4", "ark5", "euler") = "ark4"
-    solver: one_of("auto", "dense", "gmres") = "auto"
+    solver: one_of("auto", "dense") = "auto"
 
     @model_validator(mode="before")
     @classmethod

@@ -143,7 +143,7 @@ class Adaptive(AbstractMarch):
 
     def to(self, t_save, state, equation, cache, stops):
         def unfinished(carry):
-            state, cache = carry
+            state, _ = carry
             return (state.status == status.RUNNING) & (state.t < t_save)
 
         def body(carry):
@@ -271,6 +271,9 @@ class Checks(eqx.Module):
         code = jnp.where(row["diagnostics/residual"] > 1e-6, status.SOLVE_FAILED, code)
         crossed = jnp.any(jax.vmap(lambda x: diagnostics.crosses_itself(Curve.from_nodes(x)))(y.x))
         code = jnp.where(crossed, status.SELF_CONTACT, code)
+        if y.x.shape[0] > 1:
+            collided = diagnostics.collides(jax.vmap(Curve.from_nodes)(y.x))
+            code = jnp.where(collided, status.COLLISION, code)
         finite = jnp.isfinite(_max_norm((row["x"], row["tension"])))
         return jnp.where(finite, code, status.NOT_FINITE)
 

@@ -11,9 +11,10 @@ UNRESOLVED = 4
 DRIFT = 5
 SOLVE_FAILED = 6
 SELF_CONTACT = 7
-STEP_UNDERFLOW = 8
-TOO_MANY_STEPS = 9
-NOT_FINITE = 10
+COLLISION = 8
+STEP_UNDERFLOW = 9
+TOO_MANY_STEPS = 10
+NOT_FINITE = 11
 RUNNING = -1
 
 WORDS = {
@@ -26,6 +27,7 @@ WORDS = {
     DRIFT: "drift",
     SOLVE_FAILED: "solve failed",
     SELF_CONTACT: "self-contact",
+    COLLISION: "collision",
     STEP_UNDERFLOW: "step underflow",
     TOO_MANY_STEPS: "too many steps",
     NOT_FINITE: "not finite",
@@ -41,6 +43,7 @@ ADVICE = {
     "drift": "Area or perimeter left their values: lower the tolerance or the time step.",
     "solve failed": "A linear system was not solved to round-off: use more nodes or the dense solver.",
     "self-contact": "Two parts of one membrane have crossed: use more nodes and a lower tolerance.",
+    "collision": "Two membranes have crossed: use more nodes and a lower tolerance.",
     "step underflow": "The step fell below its limit: the tolerance is out of reach here; use more nodes or loosen it.",
     "too many steps": "The step limit was reached: loosen the tolerance or split the run with --resume.",
     "not finite": "A value overflowed: use a smaller step, or `tolerance` instead of `time_step`.",

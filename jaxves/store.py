@@ -10,42 +10,37 @@ The file is changed in two ways only, and a process killed at any moment leaves 
 The restart state has two slots, `/restart/a` and `/restart/b`, written in turn; each tells how many rows it belongs
 to, and the valid one is the one which agrees with the root's `saved`. Rows and state thus never part.
 Blocks are flushed to the operating system, not to the disk: they survive the process, not surely a power cut.
-
-Names are netCDF's: the datasets `/t`, `/vesicle`, `/node`, `/xy` (and `/ab`, second axis of a tensor) are attached
-to the others as dimension scales, so that xarray and HDFView label the axes.
 """
 
 import os
 import platform
-import re
-import shutil
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
-from math import prod
 from pathlib import Path
-from typing import NamedTuple
 
 import h5py
 import numpy as np
 
+from . import status
+from .hdf5 import (
+    Description,
+    StoreError,
+    create_average,
+    create_datasets,
+    create_slot,
+    datasets_below,
+    delete_averages,
+    histories,
+    named_errors,
+    replacing,
+    slots,
+)
+
+__all__ = ["HISTORY", "Description", "Record", "StoreError", "Writer", "is_done", "load", "resume"]
+
 SCHEMA_VERSION = 1
-_CHUNK_BYTES = 2**18
-
-
-class StoreError(Exception):
-    """A result file cannot be written or read; the message is one line which names the file."""
-
-
-class Description(NamedTuple):
-    """What a dataset holds: its units, its name in words, and its axes, the first of them "t"."""
-
-    units: str
-    long_name: str
-    dims: tuple[str, ...]
-    dtype: type = float
-
+_TO_BE_CONTINUED = tuple(status.WORDS[code] for code in (status.RUNNING, status.INTERRUPTED, status.TOO_MANY_STEPS))
 
 HISTORY = {
     "t": Description("t_kappa", "time", ("t",)),
@@ -53,12 +48,6 @@ HISTORY = {
     "V_m": Description("a E_inf", "transmembrane potential", ("t", "vesicle", "node")),
     "tension": Description("kappa_B/a^2", "membrane tension", ("t", "vesicle", "node")),
     "nodes": Description("1", "nodes used in the computation", ("t", "vesicle"), int),
-}
-_SCALES = {
-    "vesicle": "vesicle",
-    "node": "node on its vesicle",
-    "xy": "component",
-    "ab": "second component of a tensor",
 }
 
 
@@ -128,9 +117,9 @@ class Writer:
         }
         with named_errors("write", path), replacing(path) as file:
             file.attrs.update(attributes | root)
-            _create_datasets(file, datasets, sizes)
+            create_datasets(file, datasets, sizes)
             for slot in ("restart/a", "restart/b"):
-                _create_slot(file, slot, {})
+                create_slot(file, slot, {})
         self._open(path)
 
     def _open(self, path: Path) -> None:
@@ -138,8 +127,8 @@ class Writer:
         with named_errors("write", path):
             self._file = h5py.File(path, "r+")
         self.saved = int(self._file.attrs["saved"])
-        self._rows = _histories(self._file)
-        self._valid, self._free = _slots(self._file)
+        self._rows = histories(self._file)
+        self._valid, self._free = slots(self._file)
 
     def append(self, block: dict[str, np.ndarray], restart: dict[str, np.ndarray]) -> None:
         """Adds saved times and the state to continue from, both or neither; done when this returns.
@@ -155,12 +144,12 @@ class Writer:
         saved = self.saved + self._checked_count(block)
         with named_errors("write", self.path):
             wanted = {name: (leaf.shape, leaf.dtype) for name, leaf in restart.items()}
-            if wanted != {name: (leaf.shape, leaf.dtype) for name, leaf in _datasets(self._free).items()}:
+            if wanted != {name: (leaf.shape, leaf.dtype) for name, leaf in datasets_below(self._free).items()}:
                 stale = [slot.name for slot in ((self._free,) if self.saved else (self._free, self._valid))]
                 with self._rebuilding() as file:
                     for name in stale:
                         del file[name]
-                        _create_slot(file, name, restart)
+                        create_slot(file, name, restart)
             for name, dataset in self._rows.items():
                 dataset[self.saved : saved] = block[name]
             for name, leaf in restart.items():
@@ -180,10 +169,10 @@ class Writer:
         """
         with named_errors("write", self.path), self._rebuilding() as file:
             # The file's own count: an interrupt may have come between its commit and `self.saved`.
-            for dataset in _histories(file).values():
+            for dataset in histories(file).values():
                 dataset.resize(file.attrs["saved"], axis=0)
             for name, value in (averages or {}).items():
-                _create_average(file, name, value)
+                create_average(file, name, value)
             file.attrs.update(status=status, advice=advice, wall_time=file.attrs["wall_time"] + wall_time)
 
     def close(self) -> None:
@@ -220,6 +209,21 @@ class Writer:
         self._open(self.path)
 
 
+def is_done(path: str | os.PathLike, scene_text: str) -> bool:
+    """Whether the run of this scene has nothing left to do.
+
+    Raises:
+        StoreError: not a result file, one of another scene, or of a run that would break down again.
+    """
+    record = load(path)
+    if record.scene != scene_text:
+        raise StoreError(f"{path} holds another scene: it can be resumed only with its own.")
+    if record.status in (*status.SUCCESS, *_TO_BE_CONTINUED):
+        return record.status in status.SUCCESS
+    advice = record.attributes["advice"]
+    raise StoreError(f"{path} ended with the status {record.status!r}, as its continuation would. {advice}")
+
+
 def resume(path: str | os.PathLike) -> tuple[Writer, dict[str, np.ndarray]]:
     """A writer which goes on after the last saved row, and the leaves of the state to continue from.
 
@@ -230,15 +234,15 @@ def resume(path: str | os.PathLike) -> tuple[Writer, dict[str, np.ndarray]]:
     with named_errors("resume", path):
         # Opened for writing although only read: the lock tells a run which is still alive.
         with _open_result(path, "r+") as file:
-            valid, _ = _slots(file)
-            leaves = {name: np.asarray(leaf[()]) for name, leaf in _datasets(valid).items()}
+            valid, _ = slots(file)
+            leaves = {name: np.asarray(leaf[()]) for name, leaf in datasets_below(valid).items()}
         if not leaves:
             raise StoreError(f"{path} holds no state to resume from.")
         with replacing(path, copy=True) as file:
-            for dataset in _histories(file).values():
+            for dataset in histories(file).values():
                 dataset.resize(file.attrs["saves"], axis=0)
             if "averages" in file:
-                _delete_averages(file)
+                delete_averages(file)
             file.attrs.update(status="running", advice="")
     writer = Writer.__new__(Writer)
     writer._open(path)
@@ -255,7 +259,7 @@ def load(path: str | os.PathLike) -> Record:
     # A run may be holding the lock; since it only adds rows, reading beside it is safe.
     with named_errors("read", path), _open_result(path, "r", locking=False) as file:
         attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
-        rows = {name: dataset[: attributes["saved"]] for name, dataset in _histories(file).items()}
+        rows = {name: dataset[: attributes["saved"]] for name, dataset in histories(file).items()}
         diagnostics = {
             name.removeprefix("diagnostics/"): rows[name] for name in rows if name.startswith("diagnostics/")
         }
@@ -284,107 +288,3 @@ def _open_result(path: Path, mode: str, **options) -> h5py.File:
         file.close()
         raise StoreError(f"{path} has schema version {schema}, later than {SCHEMA_VERSION}: a newer jaxves reads it.")
     return file
-
-
-@contextmanager
-def named_errors(verb: str, path: Path) -> Iterator[None]:
-    """Turns failures of the disk, which HDF5 words over several lines, into a StoreError: "cannot `verb` `path`: …"."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        found = re.search(r"error message = '([^']+)'", str(error))
-        reason = found[1] if found else getattr(error, "strerror", None) or str(error)
-        raise StoreError(f"cannot {verb} {path}: {' '.join(reason.split())}") from error
-
-
-@contextmanager
-def replacing(path: Path, copy: bool = False) -> Iterator[h5py.File]:
-    """A new file, or a copy of the old one, which takes the name `path` once it is complete and on the disk."""
-    part = path.with_name(path.name + ".part")
-    try:
-        if copy:
-            shutil.copyfile(path, part)
-        with h5py.File(part, "r+" if copy else "w") as file:
-            yield file
-        with open(part, "rb+") as written:
-            os.fsync(written.fileno())
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def _create_datasets(file: h5py.File, datasets: dict[str, Description], sizes: dict[str, int]) -> None:
-    early = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    early.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-    for name, described in datasets.items():
-        shape = tuple(sizes[dim] for dim in described.dims)
-        rows = min(max(1, _CHUNK_BYTES // (8 * prod(shape[1:]))), shape[0])
-        file.create_dataset(
-            name,
-            shape,
-            described.dtype,
-            chunks=(rows, *shape[1:]),
-            maxshape=(None, *shape[1:]),
-            fillvalue=np.nan if described.dtype is float else 0,
-            dcpl=early,
-        )
-    file["t"].make_scale("t")
-    for dim in sorted({dim for described in datasets.values() for dim in described.dims} - {"t"}):
-        values = np.arange(sizes[dim]) if dim in ("vesicle", "node") else np.array(["x", "y"], h5py.string_dtype())
-        file[dim] = values
-        file[dim].make_scale(dim)
-        file[dim].attrs.update(units="1", long_name=_SCALES[dim])
-    for name, described in datasets.items():
-        _label(file, file[name], described.units, described.long_name, described.dims)
-
-
-def _label(file: h5py.File, dataset: h5py.Dataset, units: str, long_name: str, dims) -> None:
-    dataset.attrs.update(units=units, long_name=long_name)
-    if not dataset.is_scale:
-        for axis, dim in zip(dataset.dims, dims, strict=True):
-            axis.attach_scale(file[dim])
-
-
-def _create_average(file: h5py.File, name: str, value) -> None:
-    of = file[f"diagnostics/{name}"]
-    dims = [axis[0].name.removeprefix("/") for axis in of.dims][1:]
-    dataset = file.create_dataset(f"averages/{name}", data=value)
-    _label(file, dataset, of.attrs["units"], f"time average of {of.attrs['long_name']}", dims)
-
-
-def _delete_averages(file: h5py.File) -> None:
-    for dataset in file["averages"].values():
-        for axis in dataset.dims:
-            axis.detach_scale(axis[0])  # or the scale would go on referring to it
-    del file["averages"]
-
-
-def _create_slot(file: h5py.File, name: str, leaves: dict[str, np.ndarray]) -> None:
-    """A restart slot with room for `leaves`, valid for no row."""
-    slot = file.create_group(name)
-    slot.attrs["saved"] = 0
-    for leaf_name, leaf in leaves.items():
-        slot[leaf_name] = leaf
-
-
-def _slots(file: h5py.File) -> tuple[h5py.Group, h5py.Group]:
-    """The restart slot which belongs to the saved rows, and the other."""
-    a, b = file["restart/a"], file["restart/b"]
-    return (a, b) if a.attrs["saved"] == file.attrs["saved"] else (b, a)
-
-
-def _datasets(group: h5py.Group) -> dict[str, h5py.Dataset]:
-    """Every dataset below a group, by its path in it."""
-    found = {}
-
-    def visit(name, item):
-        if isinstance(item, h5py.Dataset):
-            found[name] = item
-
-    group.visititems(visit)
-    return found
-
-
-def _histories(file: h5py.File) -> dict[str, h5py.Dataset]:
-    """The datasets with one row per saved time: those which can grow."""
-    return {name: dataset for name, dataset in _datasets(file).items() if dataset.maxshape[:1] == (None,)}

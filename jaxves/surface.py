@@ -2,6 +2,7 @@ r"""The membranes at one instant, with the layer potentials that live on them.
 
 `Surfaces` holds the geometry and the Nyström kernels of every membrane, (M, ...) arrays; its methods
 apply the potentials of all membranes to densities (M, N) or (M, N, 2) and return values at all nodes.
+A lone membrane has no `interactions`: nothing of them is traced.
 The electric kernel is built when a field asks for it.
 """
 
@@ -14,6 +15,7 @@ from . import curve as geometry
 from . import fourier
 from .arrays import VesicleNodes, VesiclePoints
 from .curve import Curve
+from .interactions import Interactions
 from .potentials import laplace, stokes
 from .potentials.chords import Chords
 from .potentials.stokes import StokesBlocks
@@ -26,6 +28,7 @@ class Surfaces(eqx.Module):
     laplace_slp: Float[Array, "*batch N N"]
     stokes_slp: StokesBlocks
     laplace_slp_dn: Float[Array, "*batch N N"] | None
+    interactions: Interactions | None = None
 
     @classmethod
     def of(cls, x: VesiclePoints, *, electric: bool) -> "Surfaces":
@@ -37,7 +40,12 @@ class Surfaces(eqx.Module):
             S = laplace.slp(chords)
             return cls(curve, S, stokes.slp(curve, chords, S), laplace.slp_dn(curve, chords) if electric else None)
 
-        return jax.vmap(one)(x)
+        surfaces = jax.vmap(one)(x)
+        if x.shape[0] == 1:
+            return surfaces
+        with jax.named_scope("interactions"):
+            interactions = Interactions.of(surfaces.curves, electric=electric)
+        return eqx.tree_at(lambda s: s.interactions, surfaces, interactions, is_leaf=lambda leaf: leaf is None)
 
     def d_ds(self, f: Float[Array, "M N *rest"]) -> Float[Array, "M N *rest"]:
         """∂f/∂s on every membrane."""
@@ -45,14 +53,33 @@ class Surfaces(eqx.Module):
 
     def stokes(self, f: VesiclePoints) -> VesiclePoints:
         """Velocity S[f] at all nodes."""
-        return jax.vmap(StokesBlocks.__matmul__)(self.stokes_slp, f * self.curves.speed[..., None])
+        velocity = jax.vmap(StokesBlocks.__matmul__)(self.stokes_slp, f * self.curves.speed[..., None])
+        return velocity if self.interactions is None else velocity + self.interactions.stokes(f)
 
-    def potential(self, q: VesicleNodes, V_m: VesicleNodes) -> VesicleNodes:
-        """S q - D V_m on the membranes (mean of the two sides)."""
-        speed = self.curves.speed
-        single = jnp.einsum("mij,mj->mi", self.laplace_slp, speed * q)
-        return single - jnp.einsum("mji,mj->mi", self.laplace_slp_dn, speed * V_m)
+    def normal_field(self, q: VesicleNodes) -> VesicleNodes:
+        """S' q, principal value."""
+        value = jnp.einsum("mij,mj->mi", self.laplace_slp_dn, self.curves.speed * q)
+        if self.interactions is not None:
+            value = value + jnp.sum(self.interactions.slp_gradient(q) * self.curves.normal, axis=-1)
+        return value
 
     def dlp_dn(self, V_m: VesicleNodes) -> VesicleNodes:
         """D' V_m = ∂_s S ∂_s V_m; on the density ∂_s V_m the weight |x_α| cancels."""
-        return self.d_ds(jnp.einsum("mij,mj->mi", self.laplace_slp, fourier.derivative(V_m)))
+        slope = fourier.derivative(V_m)
+        value = self.d_ds(jnp.einsum("mij,mj->mi", self.laplace_slp, slope))
+        if self.interactions is not None:
+            across = self.interactions.slp_gradient(slope / self.curves.speed)
+            value = value + jnp.sum(across * self.curves.tangent, axis=-1)
+        return value
+
+    def potential_slope(self, q: VesicleNodes, V_m: VesicleNodes) -> VesicleNodes:
+        """∂_s (S q - D V_m) along the membranes (mean of the two sides)."""
+        speed = self.curves.speed
+        single = jnp.einsum("mij,mj->mi", self.laplace_slp, speed * q)
+        double = jnp.einsum("mji,mj->mi", self.laplace_slp_dn, speed * V_m)
+        slope = self.d_ds(single - double)
+        if self.interactions is not None:
+            conjugate = self.interactions.slp_gradient(self.d_ds(V_m))
+            rotated = jnp.stack([conjugate[..., 1], -conjugate[..., 0]], axis=-1)
+            slope = slope + jnp.sum((self.interactions.slp_gradient(q) - rotated) * self.curves.tangent, axis=-1)
+        return slope

@@ -145,7 +145,9 @@ def test_too_few_nodes_are_named_unresolved():
 
 
 def test_a_steady_state_ends_the_run_early():
-    result = run(scene(shapes.ellipse(48, 0.9)), 20.0, Adaptive(1e-5), saves=20, checks=Checks(steady=jnp.asarray(1e-4)))
+    result = run(
+        scene(shapes.ellipse(48, 0.9)), 20.0, Adaptive(1e-5), saves=20, checks=Checks(steady=jnp.asarray(1e-4))
+    )
     assert result.word == "steady"
     assert jnp.isnan(result.t[-1])
 

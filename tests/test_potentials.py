@@ -139,8 +139,10 @@ def test_reverse_mode_gradients_with_respect_to_the_nodes_are_finite_and_right(s
     def total(x):
         s = Surfaces.of(x[None], electric=True)
         u = s.stokes(jnp.stack([density, density**2], axis=-1)[None])
-        return jnp.sum(jnp.sin(u)) + jnp.sum(s.potential(density[None], density[None]) ** 2) + jnp.sum(
-            s.dlp_dn(density[None]) ** 2
+        return (
+            jnp.sum(jnp.sin(u))
+            + jnp.sum(s.potential(density[None], density[None]) ** 2)
+            + jnp.sum(s.dlp_dn(density[None]) ** 2)
         )
 
     slope = jnp.sum(jax.grad(total)(x) * direction)

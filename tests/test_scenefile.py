@@ -110,7 +110,7 @@ BROKEN = [
     (BASE + "[numerics]\ntime_step = 1e-3\ntolerance = 1e-3", "numerics.time_step", "0.001", "one of the two"),
     (BASE + "[numerics]\nmethod = 'rk4'", "numerics.method", '"rk4"', '"ark4"'),
     (BASE + "[numerics]\nmethod = 'euler'", "numerics.method", '"euler"', "time_step"),
-    (BASE + "[numerics]\nsolver = 'lu'", "numerics.solver", '"lu"', '"gmres"'),
+    (BASE + "[numerics]\nsolver = 'gmres'", "numerics.solver", '"gmres"', '"dense"'),
 ]
 
 

@@ -1,0 +1,1 @@
+"""Layer potentials: kernels, self-interaction on one curve, close evaluation."""

@@ -22,7 +22,6 @@ zero. Memory is 32 bytes per (fine node, target).
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from .. import fourier
@@ -31,23 +30,6 @@ from ..curve import Curve
 from .cauchy import CauchyRule, complex_of, real_of
 
 TargetMatrix = Float[Array, "P N"]
-
-
-def _finer(f: Float[Array, "N *rest"], K: int) -> Float[Array, "K *rest"]:
-    """Trigonometric interpolation; unlike in `fourier.resample` the Nyquist mode stays, so nodal values do."""
-    N = f.shape[0]
-    if K == N:
-        return f
-    share = np.where(fourier.wavenumbers(N) == N // 2, 0.5, 1.0) * (K / N)
-    return jnp.fft.irfft(jnp.fft.rfft(f, axis=0) * share.reshape((-1,) + (1,) * (f.ndim - 1)), K, axis=0)
-
-
-def _antiderivative(f: Float[Array, "..."]) -> Float[Array, "..."]:
-    """∫ (f - mean) dα with mean zero, along the last axis."""
-    K = f.shape[-1]
-    k = fourier.wavenumbers(K)
-    symbol = np.where((k > 0) & (k < K // 2), -1j / np.maximum(k, 1), 0)
-    return jnp.fft.irfft(jnp.fft.rfft(f) * symbol, K)
 
 
 def _inner_point(curve: Curve) -> Float[Array, "2"]:
@@ -80,7 +62,7 @@ class CloseGeometry(eqx.Module):
     ) -> "CloseGeometry":
         """From N nodes to P targets; `inside` as for `CauchyRule.of`, where None lets the geometry decide."""
         origin = jax.lax.stop_gradient(jnp.mean(curve.x, axis=0))
-        x, targets = _finer(curve.x - origin, upsample * curve.x.shape[0]), targets - origin
+        x, targets = fourier.resample(curve.x - origin, upsample * curve.x.shape[0], axis=0), targets - origin
         # S does not depend on the inner point, so neither does its derivative.
         inner = _inner_point(jax.lax.stop_gradient(curve)) - origin
         rule = CauchyRule.of(x, targets, inside=inside)
@@ -98,7 +80,7 @@ class CloseGeometry(eqx.Module):
 
     def finer(self, density: Float[Array, "N *rest"]) -> Float[Array, "K *rest"]:
         """A density at the fine nodes."""
-        return _finer(density, self.dz.shape[0])
+        return fourier.resample(density, self.dz.shape[0], axis=0)
 
     def flux(self, density: Float[Array, "N *rest"]) -> Float[Array, "K *rest"]:
         """|x_α| times a density at the fine nodes."""
@@ -106,7 +88,8 @@ class CloseGeometry(eqx.Module):
 
     def coarser(self, matrix: Float[Array, "P K"]) -> TargetMatrix:
         """`matrix` after `finer`."""
-        return jnp.fft.irfft(jnp.fft.rfft(matrix, axis=1), self.speed.shape[0], axis=1)
+        N, K = self.speed.shape[0], self.dz.shape[0]
+        return matrix if N == K else matrix @ fourier.resampling_matrix(N, K)
 
     def on_flux(self, matrix: Float[Array, "P K"]) -> TargetMatrix:
         """`matrix` after `flux`."""
@@ -114,7 +97,7 @@ class CloseGeometry(eqx.Module):
 
     def charge_log(self) -> Complex[Array, "K"]:
         """ℓ, up to an imaginary constant, which no potential sees."""
-        angle = _antiderivative(self.charge_log_slope().imag)
+        angle = fourier.antiderivative(self.charge_log_slope().imag)
         return jax.lax.complex(jnp.log(jnp.abs(self.z - self.inner)), angle)
 
     def charge_log_slope(self) -> Complex[Array, "K"]:
@@ -134,7 +117,7 @@ def laplace_slp(close: CloseGeometry, q: Nodes) -> Float[Array, "P"]:
 def slp_of_flux(close: CloseGeometry, flux: Float[Array, "K"]) -> Float[Array, "P"]:
     """S of q given as q|x_α| at the fine nodes."""
     charge = jnp.mean(flux)  # Q/2π
-    tau = 1j * _antiderivative(flux) - charge * close.charge_log()
+    tau = 1j * fourier.antiderivative(flux) - charge * close.charge_log()
     d_tau = 1j * flux - charge * close.charge_log_slope()
     return close.rule(tau, d_tau).real - charge * close.outer_log()
 
@@ -148,7 +131,7 @@ def slp_flux_matrix(close: CloseGeometry) -> Float[Array, "P K"]:
     """The matrix of `slp_of_flux`; integration, being antisymmetric, acts on rows with the other sign."""
     rule, K = close.rule, close.z.shape[0]
     charge_part = rule(close.charge_log(), close.charge_log_slope()).real + close.outer_log()
-    return _antiderivative(rule.direct.imag) + (rule.barycentric.real - charge_part[:, None]) / K
+    return fourier.antiderivative(rule.direct.imag) + (rule.barycentric.real - charge_part[:, None]) / K
 
 
 def laplace_slp_gradient(close: CloseGeometry, q: Nodes) -> Points:

@@ -1,0 +1,132 @@
+"""What experiments share: scenes, marching with one compiled program, interleaved timing, storing with provenance.
+
+Importing this limits BLAS to one thread: small LAPACK calls, which JAX takes from SciPy, are slower on two.
+"""
+
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg  # noqa: F401  (loads the BLAS that is limited below)
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits
+
+import jaxves
+from jaxves import plot, shapes, status
+from jaxves.equation import Equation, Filter, equation_for
+from jaxves.flow import Shear
+from jaxves.scene import Scene, dc_field, scene
+from jaxves.simulate import AbstractMarch, Checks, State, advance, initial_state, stops_of
+
+threadpool_limits(1, user_api="blas")
+
+HERE = Path(__file__).parent
+_advance = eqx.filter_jit(advance)
+_equation_for = eqx.filter_jit(equation_for)
+_initial_state = eqx.filter_jit(initial_state)
+
+
+def pop(N: int, *, reduced_area=0.9, beta=3.2, conductivity_ratio=0.1) -> Scene:
+    """One ellipse along a field, at rest."""
+    x = shapes.ellipse(N, reduced_area, angle=jnp.pi / 2)
+    return scene(x, field=dc_field(beta, conductivity_ratio=conductivity_ratio))
+
+
+def treading(N: int) -> Scene:
+    """Tank-treading in shear and a field, from 20 degrees."""
+    field = dc_field(6.4, conductivity_ratio=0.1, membrane_conductance=4.0)
+    return scene(shapes.ellipse(N, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
+
+
+def march(
+    setting: Scene,
+    method: AbstractMarch,
+    times,
+    *,
+    filter: Filter | None = None,
+    checks: Checks | None = None,
+    together: int = 1,
+) -> tuple[State, dict[str, np.ndarray], Equation]:
+    """From t = 0 through `times`, `together` of them a call: one compilation serves every number of them.
+
+    Returns the last state, the saved rows (early ends leave NaN or fewer rows) and the equation.
+    """
+    equation = _equation_for(setting, filter=filter)
+    state = _initial_state(equation, method)
+    times = jnp.asarray(times, dtype=float)
+    rows = []
+    for i in range(0, len(times), together):
+        part = times[i : i + together]
+        state, row = _advance(equation, method, state, part, stops_of(setting, times[-1]), checks or Checks())
+        rows.append(row)
+        if int(state.status) != status.RUNNING:
+            break
+    return state, jax.tree.map(lambda *parts: np.concatenate(parts), *rows), equation
+
+
+def interleaved(calls: dict[str, Callable], repeats: int) -> dict[str, list[float]]:
+    """Seconds of each call, `repeats` times; they take turns, so that a busy machine slows all alike.
+
+    Each turn is the second of two calls: in a run they follow one another, with threads and caches warm.
+    """
+    for call in calls.values():
+        jax.block_until_ready(call())  # compiles
+    seconds = {name: [] for name in calls}
+    for _ in range(repeats):
+        for name, call in calls.items():
+            jax.block_until_ready(call())
+            start = time.perf_counter()
+            jax.block_until_ready(call())
+            seconds[name].append(time.perf_counter() - start)
+    return seconds
+
+
+def medians(seconds: dict[str, list[float]]) -> dict[str, float]:
+    """The median of each."""
+    return {name: statistics.median(found) for name, found in seconds.items()}
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic | jax.Array):
+        return _plain(np.asarray(value).tolist())
+    return float(f"{value:.9g}") if isinstance(value, float) else value
+
+
+def store(name: str, data) -> None:
+    """Writes data/NAME.json: the numbers, and what they were computed with."""
+    provenance = {
+        "command": f"python -m experiments.{name}",
+        "jaxves": jaxves.__version__,
+        "jax": jax.__version__,
+        "python": platform.python_version(),
+        "machine": f"{os.cpu_count()} {platform.machine()} cores, {jax.default_backend()}",
+    }
+    folder = HERE / "data"
+    folder.mkdir(exist_ok=True)
+    text = json.dumps({"provenance": provenance, "data": _plain(data)}, indent=1, ensure_ascii=False)
+    (folder / f"{name}.json").write_text(text + "\n")
+
+
+def styled(draw: Callable) -> Callable:
+    """A drawing function in the style of `jaxves.plot`."""
+    return rc_context(plot.STYLE)(draw)
+
+
+def save(figure: Figure, name: str) -> None:
+    """Writes figures/NAME.png."""
+    folder = HERE / "figures"
+    folder.mkdir(exist_ok=True)
+    figure.savefig(folder / f"{name}.png", dpi=140)

@@ -1,0 +1,122 @@
+"""Which order in time do the steppers reach, and what does an accuracy cost?
+
+    python -m experiments.order_in_time          # table and a figure, about two minutes
+
+Two scenes at 96 nodes with fixed steps: prolate to oblate and back, and tank-treading in a field. Errors in
+shape, potential and tension against a fifth-order solution with more steps than any of the others.
+
+What to expect: slopes of about 4 and 5 in all three, 1 for the semi-implicit Euler scheme, whose area and length
+drift at first order as well, while the projection keeps those of the others to round-off. Few steps may be too few:
+where a run broke down there is no entry.
+"""
+
+import time
+
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxves import plot
+from jaxves.simulate import Checks, Fixed
+from jaxves.steppers import ARK4, ARK5, SemiImplicitEuler
+
+from ._common import march, pop, save, store, styled, treading
+
+SCENES = {"POP": (pop, 0.3), "tank-treading": (treading, 0.2)}
+METHODS = {
+    "ARK4": (ARK4(), True),
+    "ARK5": (ARK5(), True),
+    "Euler, unprojected": (SemiImplicitEuler(), False),
+}
+PARTS = ("x", "V_m", "tension")
+_AT_ONCE = 10  # steps in one compiled call
+_ALL = Checks(tail=np.inf, drift=np.inf)  # judged here by their error alone
+
+
+def solution(scene, t_end, stepper, projection, steps):
+    """Final x, V_m, tension, and the relative errors of area and length; NaN when the run broke down."""
+    times = t_end * np.arange(1, steps // _AT_ONCE + 1) / (steps // _AT_ONCE)
+    _, rows, equation = march(scene, Fixed(_AT_ONCE, stepper, projection), times, checks=_ALL)
+    last = {part: rows[part][-1] for part in PARTS}
+    last["area"] = rows["diagnostics/area"][-1] / np.asarray(equation.area) - 1
+    last["length"] = rows["diagnostics/length"][-1] / (2 * np.pi * np.asarray(equation.speed)) - 1
+    arrived = len(rows["t"]) == len(times) and all(np.all(np.isfinite(last[part])) for part in PARTS)
+    return last if arrived else jax.tree.map(lambda a: a + np.nan, last)
+
+
+def largest(a) -> float:
+    return float(np.max(np.abs(a)))
+
+
+def run(scenes=tuple(SCENES), methods=tuple(METHODS), sizes=(20, 40, 80, 160, 320), N=96, reference=640):
+    """{scene: {method: {steps, x, V_m, tension, area, length, seconds, and the observed orders}}}.
+
+    The entry "reference" of a scene holds its distance to the one with half the steps: how far it can be trusted.
+    """
+    found = {}
+    for name in scenes:
+        make, t_end = SCENES[name]
+        scene = make(N)
+        best = solution(scene, t_end, ARK5(), True, reference)
+        half = solution(scene, t_end, ARK5(), True, reference // 2)
+        found[name] = {"reference": {part: largest(best[part] - half[part]) for part in PARTS}}
+        for method in methods:
+            found[name][method] = _errors(scene, t_end, METHODS[method], sizes, best)
+    return found
+
+
+def _errors(scene, t_end, method, sizes, best):
+    solution(scene, t_end, *method, _AT_ONCE)  # compiles
+    table = {"steps": list(sizes), "seconds": []} | {part: [] for part in (*PARTS, "area", "length")}
+    for steps in sizes:
+        start = time.perf_counter()
+        last = solution(scene, t_end, *method, steps)
+        table["seconds"].append(time.perf_counter() - start)
+        for part in PARTS:
+            table[part].append(largest(last[part] - best[part]))
+        for kept in ("area", "length"):
+            table[kept].append(largest(last[kept]))
+    table["orders"] = {part: np.log2(np.divide(table[part][:-1], table[part][1:])) for part in PARTS}
+    return table
+
+
+@styled
+def draw(found) -> Figure:
+    """A row a scene: errors against steps, errors of area and length against steps, error against wall time."""
+    figure = Figure(figsize=(plot.PAGE, 2.3 * len(found)))
+    for row, (name, methods) in zip(np.atleast_2d(figure.subplots(len(found), 3)), found.items(), strict=True):
+        for i, (method, table) in enumerate(m for m in methods.items() if m[0] != "reference"):
+            steps = table["steps"]
+            for part, style in zip(PARTS, ("-o", "--s", ":^"), strict=True):
+                label = method if part == "x" else None
+                row[0].loglog(steps, table[part], style, color=f"C{i}", ms=3, label=label)
+            for kept, style in (("area", "-o"), ("length", "--s")):
+                row[1].loglog(steps, np.maximum(table[kept], 1e-16), style, color=f"C{i}", ms=3)
+            row[2].loglog(table["seconds"], table["x"], "-o", color=f"C{i}", ms=3)
+        for axes in row[:2]:
+            axes.set_xticks(steps, [str(n) for n in steps])
+            axes.minorticks_off()
+        row[0].set(title=name, ylabel="largest error at the end", xlabel="steps")
+        row[1].set(title="— area   - - length", ylabel="relative error", xlabel="steps")
+        row[2].set(title=r"error in $x$", xlabel="wall time (s)")
+        row[0].text(0.03, 0.03, r"— $x$   - - $V_m$   $\cdots\ \lambda$", transform=row[0].transAxes, fontsize=7)
+    figure.axes[2].legend(*figure.axes[0].get_legend_handles_labels(), loc="lower left")
+    return figure
+
+
+def main():
+    found = run()
+    for scene, methods in found.items():
+        print(f"{scene}: reference against half its steps {methods['reference']}")
+        for method, table in list(methods.items())[1:]:
+            print(f"  {method:20} steps      x       order  V_m     order  λ       order  area    length  seconds")
+            for i, steps in enumerate(table["steps"]):
+                order = {p: f"{table['orders'][p][i - 1]:5.2f}" if i else "     " for p in PARTS}
+                errors = "".join(f"  {table[p][i]:.1e} {order[p]}" for p in PARTS)
+                print(f"  {steps:25d}{errors}" + "".join(f"  {table[k][i]:.0e}" for k in ("area", "length", "seconds")))
+    store("order_in_time", found)
+    save(draw(found), "order_in_time")
+
+
+if __name__ == "__main__":
+    main()

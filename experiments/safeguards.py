@@ -1,0 +1,158 @@
+"""What are the projection and the deeper filter of the shape worth?
+
+    python -m experiments.safeguards          # tables and a figure, about six minutes
+
+After every step the nodes are filtered (N/16 modes of x, Nyquist alone of σ and V_m) and projected back to uniform
+metric and their own area. Here each is left out: "Nyquist only" filters x no deeper than σ.
+
+What to expect: without the projection area and length drift, and the shape is further off by one digit or more;
+with the shallow filter a grid-scale stretching pattern, which σ cannot see, halves the largest stable step and
+multiplies the steps of a budding run. Neither costs accuracy or order.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxves import plot, status
+from jaxves.equation import Filter
+from jaxves.simulate import Adaptive, Checks, Fixed
+from jaxves.steppers import ARK4, ARK5
+
+from ._common import march, pop, save, store, styled, treading
+
+SCENES = {"POP": (pop, 0.3), "tank-treading": (treading, 0.2)}
+# projection on?, modes removed from x (None: the default)
+VARIANTS = {
+    "both": (True, None),
+    "no projection": (False, None),
+    "Nyquist only": (True, 1),
+    "neither": (False, 1),
+}
+_AT_ONCE = 5
+_ALL = Checks(tail=np.inf, drift=np.inf)  # judged here by their error alone
+
+
+def _filter(cut):
+    return None if cut is None else Filter(x=cut)
+
+
+def fixed(scene, t_end, variant, steps, stepper=None):
+    """Final x and relative length error; None when the run broke down."""
+    projection, cut = VARIANTS[variant]
+    times = t_end * np.arange(1, steps // _AT_ONCE + 1) / (steps // _AT_ONCE)
+    method = Fixed(_AT_ONCE, stepper or ARK4(), projection)
+    _, rows, equation = march(scene, method, times, filter=_filter(cut), checks=_ALL)
+    if len(rows["t"]) < len(times) or not np.all(np.isfinite(rows["x"][-1])):
+        return None
+    return {
+        "x": rows["x"][-1],
+        "area": float(rows["diagnostics/area"][-1, 0] / equation.area[0] - 1),
+        "length": float(rows["diagnostics/length"][-1, 0] / (2 * np.pi * equation.speed[0]) - 1),
+    }
+
+
+def with_fixed_steps(name, variants, N, sizes, reference):
+    """{variant: {steps, error of x, area, length, largest stable step}}."""
+    make, t_end = SCENES[name]
+    scene = make(N)
+    best = fixed(scene, t_end, "both", reference, ARK5())["x"]
+    found = {}
+    for variant in variants:
+        table = {"steps": list(sizes), "x": [], "area": [], "length": []}
+        for steps in sizes:
+            last = fixed(scene, t_end, variant, steps)
+            error = np.nan if last is None else float(np.max(np.abs(last["x"] - best)))
+            # A run that ends anywhere near the reference is stable; a tenth of the radius is not near.
+            sound = error < 0.1
+            table["x"].append(error if sound else np.nan)
+            for kept in ("area", "length"):
+                table[kept].append(abs(last[kept]) if sound else np.nan)
+        # stable from some number of steps on: the first that no larger one contradicts
+        broken = [steps for steps, error in zip(sizes, table["x"], strict=True) if np.isnan(error)]
+        stable = [steps for steps in sizes if steps > max(broken, default=0)]
+        table["largest stable step"] = t_end / stable[0] if stable else np.nan
+        found[variant] = table
+    return found
+
+
+def with_adaptive_steps(scene, t_end, variants, tolerance=1e-4, calls=10):
+    """{variant: {status, t, steps, rejected, area, length}} of a run with controlled steps."""
+    found = {}
+    for variant in variants:
+        projection, cut = VARIANTS[variant]
+        times = t_end * np.arange(1, calls + 1) / calls
+        method = Adaptive(tolerance, projection=projection, max_steps=3000)
+        state, rows, equation = march(scene, method, times, filter=_filter(cut), checks=_ALL)
+        rows = {key: row[~np.isnan(rows["t"])] for key, row in rows.items()}
+        area = rows["diagnostics/area"][:, 0] / equation.area[0] - 1
+        length = rows["diagnostics/length"][:, 0] / (2 * np.pi * equation.speed[0]) - 1
+        found[variant] = {
+            "status": status.WORDS[max(int(state.status), status.COMPLETE)],
+            "t": float(state.t),
+            "steps": int(state.steps),
+            "rejected": int(state.rejected),
+            "area": float(np.max(np.abs(area))) if len(area) else np.nan,
+            "length": float(np.max(np.abs(length))) if len(area) else np.nan,
+        }
+    return found
+
+
+def run(
+    scenes=tuple(SCENES),
+    variants=tuple(VARIANTS),
+    N=64,
+    sizes=(10, 15, 20, 25, 30, 40, 50, 60, 80, 120, 240),
+    reference=640,
+    pop_end=1.0,
+    bud_end=0.15,
+    bud_nodes=128,
+):
+    """Tables by scene and variant: fixed steps, and controlled steps for a POP run and for budding."""
+    return {
+        "fixed": {name: with_fixed_steps(name, variants, N, sizes, reference) for name in scenes},
+        "adaptive": {
+            "POP": with_adaptive_steps(pop(N), pop_end, variants),
+            "budding": with_adaptive_steps(pop(bud_nodes, reduced_area=0.5, beta=12.8), bud_end, variants),
+        },
+    }
+
+
+@styled
+def draw(found) -> Figure:
+    """Error in x and in length against the number of steps; a row a scene."""
+    figure = Figure(figsize=(plot.PAGE, 2.2 * len(found["fixed"])))
+    panels = np.atleast_2d(figure.subplots(len(found["fixed"]), 2))
+    for row, (name, variants) in zip(panels, found["fixed"].items(), strict=True):
+        for (variant, table), style in zip(variants.items(), ("-o", "-s", "--^", "--v"), strict=True):
+            row[0].loglog(table["steps"], table["x"], style, ms=3, label=variant)
+            row[1].loglog(table["steps"], np.maximum(table["length"], 1e-16), style, ms=3)
+        for axes in row:
+            axes.set_xticks((10, 20, 40, 80, 160), ["10", "20", "40", "80", "160"])
+            axes.minorticks_off()
+        row[0].set(title=name, xlabel="steps", ylabel="largest error in $x$")
+        row[1].set(title=name, xlabel="steps", ylabel="relative error of the length")
+    panels[0, 0].legend()
+    return figure
+
+
+def main():
+    found = run()
+    for name, variants in found["fixed"].items():
+        print(f"{name}: error of x (area, length) by number of steps; -- broke down")
+        for variant, table in variants.items():
+            print(f"  {variant:14} largest stable step {table['largest stable step']:.2e}")
+            for steps, x, area, length in zip(*(table[k] for k in ("steps", "x", "area", "length")), strict=True):
+                print(f"    {steps:4d}  " + ("--" if np.isnan(x) else f"{x:.1e}  ({area:.0e}, {length:.0e})"))
+    for name, variants in found["adaptive"].items():
+        print(f"{name}, tolerance 1e-4")
+        for variant, row in variants.items():
+            print(
+                f"  {variant:14} {row['status']:15} t = {row['t']:.3f}  {row['steps']}+{row['rejected']} steps"
+                f"  area {row['area']:.0e}  length {row['length']:.0e}"
+            )
+    store("safeguards", found)
+    save(draw(found), "safeguards")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""What do a rate of change, a step and a run cost, in units of a well-known linear solve?
+
+    python -m experiments.throughput          # tables and a figure, about two minutes
+
+One vesicle in a field, one BLAS thread. The unit is SciPy's `lu_factor` and `lu_solve` for 3N unknowns, which a
+method that solved for shape and tension at once would need once a step; everything takes turns in one process.
+Given are medians, and the ratio of the least times, which other work on the machine disturbs less.
+
+What to expect: a rate of change F below one unit from 128 nodes on, a fourth-order step (six rates, one frozen
+linear part with its factorisation, one projection) below eight. What a scene has not costs nothing.
+"""
+
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+from matplotlib.figure import Figure
+
+from jaxves import plot, shapes
+from jaxves.equation import equation_for
+from jaxves.flow import Shear
+from jaxves.scene import dc_field, scene
+from jaxves.simulate import Adaptive
+from jaxves.steppers import ARK4
+
+from ._common import interleaved, march, medians, pop, save, store, styled
+
+PRESENT = {"nothing imposed": (0, 0), "flow": (0, 1), "field": (1, 0), "field and flow": (1, 1)}
+
+
+def rate(equation, y):
+    return equation.rate(jnp.zeros(()), y)
+
+
+def step(equation, y, h):
+    """One fourth-order step as a run takes it: freeze, six stages, filter and projection."""
+    t = jnp.zeros(())
+    frozen = equation.freeze(t, y)
+    return equation.project(ARK4().step(equation, frozen, t, y, h).y, frozen.constraint)
+
+
+def compiled(function, *arguments):
+    """The compiled function as a call without arguments, and the seconds that tracing and compiling it took."""
+    start = time.perf_counter()
+    program = jax.jit(function).lower(*arguments).compile()
+    return lambda: program(*arguments), time.perf_counter() - start
+
+
+def linear_solve(N):
+    """SciPy's LU factorisation and solution of 3N equations."""
+    random = np.random.default_rng(0)
+    matrix, b = random.normal(size=(3 * N, 3 * N)), random.normal(size=3 * N)
+    return lambda: scipy.linalg.lu_solve(scipy.linalg.lu_factor(matrix, check_finite=False), b, check_finite=False)
+
+
+def calls_of(setting):
+    """{what: call} and {what: seconds to compile}."""
+    equation = equation_for(setting)
+    y = jax.jit(lambda equation: equation.start())(equation)
+    cases = {"rate": (rate, equation, y), "step": (step, equation, y, jnp.asarray(1e-3))}
+    made = {name: compiled(*case) for name, case in cases.items()}
+    return {name: call for name, (call, _) in made.items()}, {name: seconds for name, (_, seconds) in made.items()}
+
+
+def by_size(sizes, repeats):
+    found = {}
+    for N in sizes:
+        calls, compiling = calls_of(pop(N))
+        samples = interleaved({"LU": linear_solve(N)} | calls, repeats)
+        seconds, least = medians(samples), {name: min(found) for name, found in samples.items()}
+        ratios = {f"{name} / LU": seconds[name] / seconds["LU"] for name in calls}
+        ratios |= {f"{name} / LU, least": least[name] / least["LU"] for name in calls}
+        found[N] = seconds | ratios | {f"compile {name}": s for name, s in compiling.items()}
+    return found
+
+
+def by_what_is_present(N, repeats):
+    """Seconds of a step for each of the four combinations."""
+    calls = {}
+    for name, (field, flow) in PRESENT.items():
+        setting = scene(
+            shapes.ellipse(N, 0.9, angle=jnp.pi / 2),
+            field=dc_field(3.2, conductivity_ratio=0.1) if field else None,
+            flow=Shear(10.0) if flow else None,
+        )
+        calls[name] = calls_of(setting)[0]["step"]
+    return medians(interleaved(calls, repeats))
+
+
+def whole_run(N, t_end=1.0, tolerance=1e-4, saves=20):
+    """Seconds of a run with compiled programs at hand, and its numbers of steps."""
+    setting, times = pop(N), t_end * np.arange(1, saves + 1) / saves
+
+    def once():
+        start = time.perf_counter()
+        state, _, _ = march(setting, Adaptive(tolerance), times, together=saves)
+        return time.perf_counter() - start, state
+
+    first = once()[0]
+    warm = [once() for _ in range(3)]
+    state = warm[0][1]
+    seconds = float(np.median([s for s, _ in warm]))
+    return {"seconds": seconds, "first": first, "steps": int(state.steps), "rejected": int(state.rejected)}
+
+
+def run(sizes=(64, 128, 256), repeats=101, N=64, t_end=1.0):
+    """Seconds by size, by what is present, and of a whole run."""
+    return {
+        "by size": by_size(sizes, repeats),
+        "by what is present": by_what_is_present(N, repeats),
+        "POP run": whole_run(N, t_end),
+    }
+
+
+@styled
+def draw(found) -> Figure:
+    """Cost in LU units by size, and the step time of the four combinations."""
+    figure = Figure(figsize=(plot.PAGE, 2.4))
+    left, middle, right = figure.subplots(1, 3)
+    sizes = list(found["by size"])
+    place = np.arange(len(sizes))
+    for axes, name, target in ((left, "rate", 1.0), (middle, "step", 8.0)):
+        bars = axes.bar(place, [found["by size"][N][f"{name} / LU"] for N in sizes], width=0.6)
+        axes.bar_label(bars, fmt="%.2f", fontsize=7)
+        least = [found["by size"][N][f"{name} / LU, least"] for N in sizes]
+        axes.plot(place, least, "D", color="C1", ms=4)
+        axes.axhline(target, color="0.4", ls="--", lw=0.8)
+        axes.set(title=f"one {name}: median, ◆ least; dashed: target", ylabel="LU of 3N unknowns", xlabel="N")
+        axes.set_xticks(place, [str(N) for N in sizes])
+        axes.margins(y=0.15)
+    times = found["by what is present"]
+    bars = right.barh(range(len(times)), [1e3 * s for s in times.values()], height=0.6, color="C2")
+    right.bar_label(bars, fmt="%.2f", fontsize=7, padding=2)
+    right.set_yticks(range(len(times)), list(times))
+    right.set(title="what is imposed", xlabel="ms a step")
+    right.margins(x=0.2)
+    return figure
+
+
+def main():
+    found = run()
+    for N, row in found["by size"].items():
+        print(
+            f"N = {N:3d}: LU {1e3 * row['LU']:.2f} ms, rate {1e3 * row['rate']:.2f} ms = {row['rate / LU']:.2f} LU "
+            f"(least by least {row['rate / LU, least']:.2f}), "
+            f"step {1e3 * row['step']:.2f} ms = {row['step / LU']:.2f} LU ({row['step / LU, least']:.2f}), "
+            f"compiling {row['compile rate']:.1f} and {row['compile step']:.1f} s"
+        )
+    for name, seconds in found["by what is present"].items():
+        print(f"{name:16} {1e3 * seconds:.2f} ms a step")
+    whole = found["POP run"]
+    print(
+        f"POP to t = 1, tolerance 1e-4, 20 saves: {whole['seconds']:.3f} s ({whole['steps']} steps, "
+        f"{whole['rejected']} rejected); {whole['first']:.1f} s with compiling"
+    )
+    store("throughput", found)
+    save(draw(found), "throughput")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""From a scene file to something that can be marched: nodes, relaxed shapes, equation, steps, checks.
+
+The few large things here are compiled as one program each: run one by one, their hundred small operations
+would take longer to compile than a short run takes.
+"""
+
+import math
+import time
+import tomllib
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from . import curve, diagnostics, fourier, simulate, status, steppers, store
+from .arrays import NodePoints, VesiclePoints
+from .build import build
+from .equation import Equation, Filter, Unknowns, equation_for
+from .scene import Scene
+from .scenefile import parse
+from .scenetables import SceneFile
+from .simulate import AbstractMarch, Adaptive, Checks, Fixed, State
+
+_STEPPERS = {"ark4": steppers.ARK4, "ark5": steppers.ARK5, "euler": steppers.SemiImplicitEuler}
+AUTO_NODES = (64, 96, 128, 192, 256)
+_RESOLVED = 1e-6  # spectral tail of a starting curve, for `nodes = "auto"`
+_REST = 1e-5  # how far a vesicle at rest moves in one t_κ, at most, in its own units; tolerance 1e-7 leaves 1e-6
+
+
+class NotRelaxed(Exception):
+    """A vesicle that is to be relaxed first does not come to rest; `word` says how that run ended."""
+
+    def __init__(self, vesicle: int, word: str):
+        super().__init__(f"vesicle {vesicle} did not relax to equilibrium: {word}")
+        self.word = word
+
+
+class Problem(eqx.Module):
+    """What marching needs, and the state at t = 0."""
+
+    equation: Equation
+    march: AbstractMarch
+    checks: Checks
+    stops: Float[Array, "S"]  # instants at which steps must end
+    state: State
+
+
+def march_of(scene_file: SceneFile) -> AbstractMarch:
+    """The way of stepping that `[numerics]` asks for."""
+    numerics = scene_file.numerics
+    stepper = _STEPPERS[numerics.method]()
+    if numerics.time_step is None:
+        return Adaptive(numerics.tolerance, stepper)
+    steps = math.ceil(scene_file.t_end / scene_file.saves / numerics.time_step * (1 - 1e-12))
+    return Fixed(steps, stepper)
+
+
+def starting_scene(scene_file: SceneFile) -> Scene:
+    """The scene as the file describes it; `nodes = "auto"` becomes the fewest that resolve all starting curves."""
+    if scene_file.numerics.nodes != "auto":
+        return build(scene_file)
+    finest = build(_with_nodes(scene_file, AUTO_NODES[-1]))
+    for N in AUTO_NODES[:-1]:
+        if _is_resolved(finest.x, N):
+            return build(_with_nodes(scene_file, N))
+    return finest
+
+
+def _with_nodes(scene_file: SceneFile, N: int) -> SceneFile:
+    return scene_file.model_copy(update={"numerics": scene_file.numerics.model_copy(update={"nodes": N})})
+
+
+@eqx.filter_jit
+def _is_resolved(x: VesiclePoints, N: int):
+    def tail(x):
+        return fourier.spectral_tail(fourier.resample(x, N, axis=0), Filter.for_nodes(N).x)
+
+    return jnp.max(jax.vmap(tail)(x)) < _RESOLVED
+
+
+@eqx.filter_jit
+def _relaxing(x: NodePoints) -> simulate.Result:
+    # Deviations fall by e^-12 in one t_κ when nearly round, by e^-1.3 at Δ = 0.25.
+    return simulate.simulate(Scene(x[None], jnp.ones(1)), 20.0, saves=20, march=Adaptive(1e-7))
+
+
+def relaxed(scene: Scene, which: list[bool]) -> Scene:
+    """The scene with these vesicles at equilibrium, each by itself, without field or flow, in its place and direction.
+
+    Raises NotRelaxed.
+    """
+    x = scene.x
+    for m in np.flatnonzero(which):
+        # The shape at rest depends on neither size nor κ_B: relax it in its own units, and as fast as any other.
+        center, size = _center_and_size(x[m])
+        result = awaited(_relaxing((x[m] - center) / size))
+        if int(result.status) != status.COMPLETE:
+            raise NotRelaxed(int(m), result.word)
+        # Its computed velocity is no measure of rest: few nodes leave one that projecting takes back.
+        if jnp.max(jnp.abs(result.x[-1] - result.x[-2])) > _REST:
+            raise NotRelaxed(int(m), status.WORDS[status.TOO_MANY_STEPS])
+        x = x.at[m].set(center + size * result.state.y.x[0])
+    return eqx.tree_at(lambda s: s.x, scene, x)
+
+
+@eqx.filter_jit
+def _center_and_size(x: NodePoints):
+    outline = curve.Curve.from_nodes(x)
+    return curve.centroid(outline), curve.length(outline) / (2 * np.pi)
+
+
+def problem_of(scene_file: SceneFile, scene: Scene) -> Problem:
+    """What `scene`, built from `scene_file`, needs to be marched; compiled as one program."""
+    average = None if scene_file.average is None else jnp.array(scene_file.average)
+    march = march_of(scene_file)
+    steady = None if scene_file.stop is None or scene_file.stop.steady is None else jnp.asarray(scene_file.stop.steady)
+    equation, stops, state = _started(scene, march, jnp.asarray(scene_file.t_end, dtype=float), average)
+    return Problem(equation, march, Checks(steady=steady), stops, state)
+
+
+@eqx.filter_jit
+def _started(scene: Scene, march: AbstractMarch, t_end, average):
+    equation = equation_for(scene, integrands=None if average is None else diagnostics.averaged)
+    return equation, simulate.stops_of(scene, t_end, average), simulate.initial_state(equation, march, average)
+
+
+def strengthened(tree):
+    """Arrays of the same values whose types no longer bend to others', as they come back from a step or a file.
+
+    JAX compiles anew for weakly typed arguments, such as a zero that stems from a Python number.
+    """
+    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)) if eqx.is_array(leaf) else leaf, tree)
+
+
+def awaited(tree):
+    """The same arrays, computed; waits where Ctrl-C is heard, which it is not inside compiled code."""
+    while not all(leaf.is_ready() for leaf in jax.tree.leaves(tree) if eqx.is_array(leaf)):
+        time.sleep(1e-3)
+    return tree
+
+
+def reconstructed(record: store.Record, t: float) -> tuple[Equation, float, Unknowns]:
+    """The equation of a result, and its state at the saved time nearest to t."""
+    scene = build(parse(tomllib.loads(record.scene)))
+    scene = eqx.tree_at(lambda s: s.x, scene, jnp.asarray(record.x[0]))
+    row = int(np.argmin(np.abs(record.t - t)))
+    V_m = None if record.V_m is None else jnp.asarray(record.V_m[row])
+    return _equation(scene), float(record.t[row]), Unknowns(jnp.asarray(record.x[row]), V_m)
+
+
+_equation = eqx.filter_jit(equation_for)

@@ -1,0 +1,72 @@
+"""What `jaxves show` says of a result: how it ended, how its quantities went, and how far to trust it.
+
+Nothing here imports JAX.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+
+from . import phases, status
+from .store import Record
+
+_SHOWN = (
+    "deformation",
+    "inclination_unwrapped",
+    "tank_treading_speed",
+    "max_V_m",
+    "tension_min",
+    "tension_max",
+    "bending_energy",
+    "min_gap",
+    "effective_viscosity",
+)
+
+
+def summary(record: Record, path: Path) -> Iterator[RenderableType]:
+    """Lines and tables, one after the other."""
+    advice = record.attributes["advice"] or status.ADVICE.get(record.status, "")
+    if len(record.t) == 0:
+        yield f"{path}: {record.status}, and no saved time. {advice}".rstrip()
+        return
+    wall = record.attributes["wall_time"]
+    yield f"{path}: {record.status} at t = {record.t[-1]:.6g} after {wall:.1f} s. {advice}".rstrip()
+    M = record.x.shape[1]
+    nodes = " or ".join(str(N) for N in np.unique(record.nodes))
+    yield f"{M} vesicle{'s' * (M > 1)} of {nodes} nodes, {len(record.t)} saved times"
+    if "deformation_along_field" in record.diagnostics:
+        codes = phases.classify(record.diagnostics["deformation_along_field"])
+        yield "class: " + ", ".join(phases.NAMES[code] for code in codes)
+    yield _quantities(record)
+    yield "quality: " + ", ".join(f"{name} {value:.1e}" for name, value in quality(record).items())
+    for name, value in (record.averages or {}).items():
+        yield f"average {name}: {value.tolist()}"
+
+
+def quality(record: Record) -> dict[str, float]:
+    """How well what should hold does hold, at worst over all saved times."""
+    found = record.diagnostics
+    return {
+        "area drift": np.abs(found["area"] / found["area"][0] - 1).max(),
+        "perimeter drift": np.abs(found["length"] / found["length"][0] - 1).max(),
+        "spectral tail": found["spectral_tail"].max(),
+        "energy balance": np.abs(found["power_balance"]).max() / max(np.abs(found["dissipation"]).max(), 1e-300),
+        "solver residual": found["residual"].max(),
+    }
+
+
+def _quantities(record: Record) -> Table:
+    table = Table("quantity", "first", "last", "least", "greatest", box=None, padding=(0, 2, 0, 0))
+    for name in _SHOWN:
+        values = record.diagnostics.get(name)
+        if values is None:
+            continue
+        columns = values.reshape(len(values), -1).T
+        for m, column in enumerate(columns):
+            label = name if len(columns) == 1 else f"{name}[{m}]"
+            cells = (column[0], column[-1], column.min(), column.max())
+            table.add_row(label, *(f"{cell:.6g}" for cell in cells))
+    return table

@@ -1,0 +1,121 @@
+"""Every experiment's `run()` at toy size: it runs, and says what it is for; every figure can be drawn."""
+
+import json
+import re
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from experiments import (
+    _common,
+    close_evaluation,
+    order_in_time,
+    pop_and_budding,
+    safeguards,
+    shear,
+    solvers,
+    throughput,
+)
+
+HERE = Path(_common.__file__).parent
+
+
+def test_throughput_counts_in_linear_solves_and_times_what_is_present():
+    found = throughput.run(sizes=(16,), repeats=3, N=16, t_end=0.01)
+    row = found["by size"][16]
+    assert row["step / LU"] == row["step"] / row["LU"] > 0
+    assert set(found["by what is present"]) == set(throughput.PRESENT)
+    assert found["POP run"]["steps"] > 0
+    throughput.draw(found)
+
+
+def test_order_in_time_sees_the_order():
+    found = order_in_time.run(scenes=("tank-treading",), methods=("ARK4",), sizes=(40, 80), N=32, reference=160)
+    table = found["tank-treading"]["ARK4"]
+    assert table["orders"]["x"][0] > 3
+    assert max(table["area"]) < 1e-8
+    order_in_time.draw(found)
+
+
+def test_shear_meets_the_limits_of_a_circle():
+    """Three vesicles, a quadratic: a per cent in both."""
+    found = shear.run(
+        areas=(0.9,), cases=((32, 1e-4),), nearly_round=(0.97, 0.98, 0.99), N=32, tolerance=1e-5, t_end=2.0
+    )
+    assert abs(found["limits"]["viscosity"] - 2) < 0.02
+    assert abs(found["limits"]["inclination"] - np.pi / 4) < 0.01
+    shear.draw(found)
+
+
+def test_the_narrowest_chord_of_a_dumbbell_is_its_neck():
+    """r = 1 + 0.8 cos 2θ is 0.4 wide at the neck, which lies at the origin."""
+    theta = 2 * np.pi * np.arange(128) / 128
+    radius = 1 + 0.8 * np.cos(2 * theta)
+    x = np.stack([radius * np.cos(theta), radius * np.sin(theta)], axis=-1)
+    width, tension, place = pop_and_budding.narrowest_chord(x, np.sin(theta) ** 2)
+    assert abs(width - 0.4) < 1e-6
+    assert abs(tension - 1.0) < 1e-6
+    assert np.max(np.abs(place)) < 1e-6
+
+
+def test_the_first_minimum_is_found_between_saves():
+    t = np.linspace(0, 1, 21)
+    time, width = pop_and_budding.first_minimum(t, (t - 0.43) ** 2 + 0.1)
+    assert abs(time - 0.43) < 1e-12
+    assert abs(width - 0.1) < 1e-12
+    assert np.isnan(pop_and_budding.first_minimum(t, -t)[0])
+
+
+def test_a_conducting_vesicle_stays_prolate():
+    found = pop_and_budding.run(cases=(), N=32, t_end=0.2, saves=10)
+    assert pop_and_budding.classes(found)["Λ = 10"] == "P"
+    assert found["POP"]["diagnostics/deformation_along_field"].min() < 0
+
+
+def test_safeguards_shows_what_the_projection_is_worth():
+    found = safeguards.run(
+        scenes=("tank-treading",), variants=("both", "no projection"), N=32, sizes=(40,), reference=80,
+        pop_end=0.01, bud_end=0.001, bud_nodes=32,
+    )  # fmt: skip
+    table = found["fixed"]["tank-treading"]
+    assert table["no projection"]["length"][0] > 1e2 * table["both"]["length"][0]
+    assert found["adaptive"]["POP"]["both"]["status"] == "complete"
+    safeguards.draw(found)
+
+
+def test_the_tension_operator_is_its_matrix_and_the_charge_operator_too():
+    surfaces = jax.jit(solvers.surfaces_of)(solvers.SHAPES["Δ = 0.5"](64))
+    v = jnp.asarray(np.random.default_rng(0).normal(size=64))
+    plain = {"dense": False, "preconditioned": False}
+    for make, how in ((solvers.tension_operator, plain), (solvers.charge_operator, {"dense": False})):
+        dense, free = make(surfaces, dense=True), make(surfaces, **how)
+        np.testing.assert_allclose(free.mv(v), dense.mv(v), atol=1e-12)
+
+
+def test_the_preconditioner_of_the_tension_keeps_the_counts_low():
+    found = solvers.run(sizes=(64,), shapes=("Δ = 0.9",), timed="Δ = 0.9", repeats=1)
+    counts = found["counts"]["Δ = 0.9"][64]
+    assert counts["charge"] < 10
+    assert 2 * counts["tension"] < counts["tension, plain"]
+    assert max(found["timings"][64]["residuals"].values()) < 10 * solvers.TOLERANCE
+
+
+def test_close_evaluation_converges():
+    errors = close_evaluation.four_cases(sizes=(100, 150), reference=400)
+    assert errors[150][0] < 1e-4 * errors[100][0] or errors[150][0] < 1e-12
+
+
+@pytest.mark.parametrize("name", ["order_in_time", "pop_and_budding", "safeguards", "shear", "solvers", "throughput"])
+def test_stored_numbers_say_where_they_come_from(name):
+    stored = json.loads((HERE / "data" / f"{name}.json").read_text())
+    assert stored["provenance"]["command"] == f"python -m experiments.{name}"
+    assert {"jaxves", "jax", "machine"} <= stored["provenance"].keys()
+
+
+def test_every_figure_of_the_table_exists_and_is_small():
+    named = set(re.findall(r"figures/(\w+\.png)", (HERE / "README.md").read_text()))
+    assert named == {path.name for path in (HERE / "figures").iterdir()}
+    assert all((HERE / "figures" / name).stat().st_size < 150_000 for name in named)
