@@ -24,8 +24,8 @@ import jaxves
 from jaxves import plot, shapes, status
 from jaxves.equation import Equation, Filter, equation_for
 from jaxves.flow import Shear
-from jaxves.scene import Scene, dc_field, scene
-from jaxves.simulate import AbstractMarch, Checks, State, advance, initial_state, stops_of
+from jaxves.marching import AbstractMarch, Checks, State, advance, initial_state, stops_of
+from jaxves.scene import Scene, dc_field, make_scene
 
 threadpool_limits(1, user_api="blas")
 
@@ -38,13 +38,13 @@ _initial_state = eqx.filter_jit(initial_state)
 def pop(N: int, *, reduced_area=0.9, beta=3.2, conductivity_ratio=0.1) -> Scene:
     """One ellipse along a field, at rest."""
     x = shapes.ellipse(N, reduced_area, angle=jnp.pi / 2)
-    return scene(x, field=dc_field(beta, conductivity_ratio=conductivity_ratio))
+    return make_scene(x, field=dc_field(beta, conductivity_ratio=conductivity_ratio))
 
 
 def treading(N: int) -> Scene:
     """Tank-treading in shear and a field, from 20 degrees."""
     field = dc_field(6.4, conductivity_ratio=0.1, membrane_conductance=4.0)
-    return scene(shapes.ellipse(N, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
+    return make_scene(shapes.ellipse(N, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
 
 
 def march(

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxves import plot
-from jaxves.simulate import Checks, Fixed
+from jaxves.marching import Checks, Fixed
 from jaxves.steppers import ARK4, ARK5, SemiImplicitEuler
 
 from ._common import march, pop, save, store, styled, treading

@@ -23,7 +23,7 @@ from jaxves import curve as geometry
 from jaxves import fourier, phases, plot, status
 from jaxves.curve import Curve
 from jaxves.equation import Unknowns, equation_for
-from jaxves.simulate import Adaptive
+from jaxves.marching import Adaptive
 
 from ._common import march, pop, save, store, styled
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from jaxves import plot, status
 from jaxves.equation import Filter
-from jaxves.simulate import Adaptive, Checks, Fixed
+from jaxves.marching import Adaptive, Checks, Fixed
 from jaxves.steppers import ARK4, ARK5
 
 from ._common import march, pop, save, store, styled, treading
@@ -106,14 +106,13 @@ def run(
     pop_end=1.0,
     bud_end=0.15,
     bud_nodes=128,
+    controlled=("POP", "budding"),
 ):
     """Tables by scene and variant: fixed steps, and controlled steps for a POP run and for budding."""
+    runs = {"POP": (pop(N), pop_end), "budding": (pop(bud_nodes, reduced_area=0.5, beta=12.8), bud_end)}
     return {
         "fixed": {name: with_fixed_steps(name, variants, N, sizes, reference) for name in scenes},
-        "adaptive": {
-            "POP": with_adaptive_steps(pop(N), pop_end, variants),
-            "budding": with_adaptive_steps(pop(bud_nodes, reduced_area=0.5, beta=12.8), bud_end, variants),
-        },
+        "adaptive": {name: with_adaptive_steps(*runs[name], variants) for name in controlled},
     }
 
 
@@ -123,7 +122,7 @@ def draw(found) -> Figure:
     figure = Figure(figsize=(plot.PAGE, 2.2 * len(found["fixed"])))
     panels = np.atleast_2d(figure.subplots(len(found["fixed"]), 2))
     for row, (name, variants) in zip(panels, found["fixed"].items(), strict=True):
-        for (variant, table), style in zip(variants.items(), ("-o", "-s", "--^", "--v"), strict=True):
+        for (variant, table), style in zip(variants.items(), ("-o", "-s", "--^", "--v"), strict=False):
             row[0].loglog(table["steps"], table["x"], style, ms=3, label=variant)
             row[1].loglog(table["steps"], np.maximum(table["length"], 1e-16), style, ms=3)
         for axes in row:

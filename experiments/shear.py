@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 
 from jaxves import plot, shapes
 from jaxves.flow import Shear
-from jaxves.scene import scene
-from jaxves.simulate import Adaptive
+from jaxves.marching import Adaptive
+from jaxves.scene import make_scene
 
 from ._common import march, save, store, styled
 
@@ -26,7 +26,7 @@ NEARLY_ROUND = (0.97, 0.98, 0.99, 0.995)
 
 def steady(reduced_area, N, tolerance, capillary_number=10.0, t_end=4.0):
     """Inclination (rad), [μ] and tank-treading speed at `t_end`; how much the first two changed in its last eighth."""
-    setting = scene(shapes.ellipse(N, reduced_area, angle=0.8 * jnp.pi / 4), flow=Shear(capillary_number))
+    setting = make_scene(shapes.ellipse(N, reduced_area, angle=0.8 * jnp.pi / 4), flow=Shear(capillary_number))
     _, rows, _ = march(setting, Adaptive(tolerance), t_end * np.array([7 / 8, 1.0]), together=2)
     names = {"inclination": "inclination", "viscosity": "effective_viscosity", "speed": "tank_treading_speed"}
     series = {name: rows[f"diagnostics/{key}"].reshape(2) for name, key in names.items()}

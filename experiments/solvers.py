@@ -30,10 +30,10 @@ TOLERANCE = 1e-9  # rounding in the action of K alone leaves 1e-10 at 512 nodes
 _CUT = 1  # σ loses its Nyquist mode
 
 
-def peanut(N):
-    """Radius 1 + 0.8 cos 2θ: two bodies and a neck of width 0.4, before scaling."""
+def peanut(N, depth=0.8):
+    """Radius 1 + `depth` cos 2θ, scaled: two bodies and a neck."""
     theta = fourier.grid(1024)
-    radius = 1 + 0.8 * jnp.cos(2 * theta)
+    radius = 1 + depth * jnp.cos(2 * theta)
     nodes = jnp.stack([radius * jnp.cos(theta), radius * jnp.sin(theta)], axis=-1)
     return shapes.scaled(shapes.equispaced(nodes, N), 1.0)
 
@@ -41,7 +41,7 @@ def peanut(N):
 SHAPES = {
     "Δ = 0.9": lambda N: shapes.ellipse(N, 0.9),
     "Δ = 0.5": lambda N: shapes.ellipse(N, 0.5),
-    "peanut": jax.jit(peanut, static_argnums=0),
+    "peanut": jax.jit(peanut, static_argnums=(0, 1)),
 }
 
 

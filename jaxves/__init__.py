@@ -23,8 +23,9 @@ _LAYERS = {
     # geometry
     "curve": ("Curve",),
     "shapes": ("circle", "ellipse", "through_points"),
-    # potentials
+    # potentials: of one curve, at points away from it, and between curves
     "potentials": (),
+    "interactions": (),
     "surface": ("Surfaces",),
     # physics
     "membrane": (),
@@ -32,21 +33,37 @@ _LAYERS = {
     "electric": ("Field",),
     "flow": ("Extension", "Linear", "Shear"),
     # the equation
-    "scene": ("Scene", "dc_field", "scene"),
+    "scene": ("Scene", "dc_field", "make_scene"),
     "linear": ("GMRES", "Dense"),
     "equation": ("Unknowns", "equation_for"),
     # many steps, and what they say
     "steppers": ("ARK4", "ARK5", "SemiImplicitEuler"),
     "status": (),
     "diagnostics": (),
-    "simulate": ("Adaptive", "Fixed", "simulate"),
+    "marching": ("Adaptive", "Checks", "Fixed", "simulate"),
     "phases": (),
     "around": (),
-    # files, pictures, command line
-    "units": (),
+    # scene files: checked tables, and what they describe
+    "units": ("Physical",),
+    "outlines": (),
+    "tables": (),
+    "values": (),
+    "vesicletables": (),
+    "scenetables": (),
     "scenefile": (),
+    "build": (),
+    # runs, result files, pictures
+    "hdf5": (),
     "store": (),
+    "problem": (),
+    "runner": ("run",),
+    "plotstyle": (),
     "plot": (),
+    # the command line
+    "template": (),
+    "conversion": (),
+    "summary": (),
+    "cli": (),
 }
 _HOME = {name: module for module, names in _LAYERS.items() for name in names}
 
@@ -54,7 +71,6 @@ __all__ = [*_LAYERS, *_HOME]
 
 
 def __getattr__(name: str):
-    # A name that is both a module and a function (`simulate`, `scene`) means the function.
     if name in _HOME:
         return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
     if name in _LAYERS:

@@ -168,6 +168,7 @@ class Equation(eqx.Module):
     area: PerVesicle
     speed: PerVesicle
     filter: Filter
+    solver: linear.AbstractSolver  # of the charge, where its factors are not needed
     integrands: object = eqx.field(static=True, default=None)  # (Motion, Scene, t) -> dict, or None
 
     def is_circle(self) -> Array:
@@ -178,7 +179,7 @@ class Equation(eqx.Module):
 
     def motion(self, t: Scalar, y: Unknowns) -> Motion:
         """F(y) and everything found on the way."""
-        return self._motion(t, y)[0]
+        return self._motion(t, y, factored=False)[0]
 
     def rate(self, t: Scalar, y: Unknowns) -> Unknowns:
         """F(y)."""
@@ -198,7 +199,8 @@ class Equation(eqx.Module):
         )
         return Constraint(blocks.spread, linear.factor_blocks(blocks.stiffness, positive_definite=True))
 
-    def _motion(self, t: Scalar, y: Unknowns):
+    def _motion(self, t: Scalar, y: Unknowns, *, factored: bool):
+        """F, and the factorised parts that A and the constraints are made of (of the charge when `factored`)."""
         scene = self.scene
         surfaces = Surfaces.of(y.x, electric=scene.field is not None)
         curves = surfaces.curves
@@ -208,7 +210,7 @@ class Equation(eqx.Module):
         f_el = V_rate = w = fields = charge = None
         if scene.field is not None:
             with jax.named_scope("electric"):
-                solution, charge = self._charge(t, surfaces, y.V_m)
+                solution, charge = self._charge(t, surfaces, y.V_m, factored)
                 w = solution.value
                 residual = jnp.maximum(residual, jnp.max(solution.residual))
                 iterations = iterations + jnp.max(solution.iterations)
@@ -244,18 +246,20 @@ class Equation(eqx.Module):
         coupled = across.scattered(jax.vmap(block)(across.velocity, *pair_frames(surfaces.curves)))
         return _solve_coupled(constraint.tension.operator.matrix, coupled, stretch)
 
-    def _charge(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes):
+    def _charge(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, factored: bool):
         field = self.scene.field
         curves = surfaces.curves
         mean = 1.0 / jnp.sum(curves.speed, axis=1, keepdims=True)
         kernel = surfaces.laplace_slp_dn * field.contrast()[:, None, None] + mean[:, None]
         matrices = 0.5 * np.eye(V_m.shape[1]) + kernel * curves.speed[:, None, :]
         flux = curves.normal @ field.E_inf(t) + surfaces.dlp_dn(V_m)
-        charge = linear.factor_blocks(matrices)
+        # A needs the factors themselves; a lone solve may be iterative.
+        solver = linear.Dense() if factored else self.solver
+        charge = jax.vmap(lambda matrix: solver.factor(linear.LinearOperator(matrix)))(matrices)
         across = surfaces.interactions
         if across is None:
             return jax.vmap(lambda charge, b: charge.solve(b))(charge, flux), charge
-        target, source = pair_frames(curves)
+        target, _ = pair_frames(curves)
         normal = jnp.moveaxis(target.normal, -1, 1)[..., None]
         eta = jnp.repeat(field.contrast(), V_m.shape[1])
         coupled = across.scattered(jnp.sum(normal * across.gradient, axis=1)) * eta
@@ -274,7 +278,7 @@ class Equation(eqx.Module):
 
     def freeze(self, t: Scalar, y: Unknowns) -> Frozen:
         """A(y), together with F(y)."""
-        motion, constraint, charge = self._motion(t, y)
+        motion, constraint, charge = self._motion(t, y, factored=True)
         surfaces = motion.surfaces
         A_x = jax.vmap(self._frozen_shape)(
             surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint
@@ -365,7 +369,9 @@ class Equation(eqx.Module):
         return y
 
 
-def equation_for(scene: Scene, *, filter: Filter | None = None, integrands=None) -> Equation:
+def equation_for(
+    scene: Scene, *, filter: Filter | None = None, solver: linear.AbstractSolver | None = None, integrands=None
+) -> Equation:
     """The equation of a scene; areas and perimeters are those of its starting curves."""
     curves = jax.vmap(Curve.from_nodes)(scene.x)
     N = scene.x.shape[1]
@@ -374,5 +380,6 @@ def equation_for(scene: Scene, *, filter: Filter | None = None, integrands=None)
         jax.vmap(geometry.area)(curves),
         jax.vmap(geometry.length)(curves) / (2 * np.pi),
         Filter.for_nodes(N) if filter is None else filter,
+        linear.for_second_kind(N) if solver is None else solver,
         integrands,
     )

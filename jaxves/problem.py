@@ -14,14 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from . import curve, diagnostics, fourier, simulate, status, steppers, store
+from . import curve, diagnostics, fourier, marching, status, steppers, store
 from .arrays import NodePoints, VesiclePoints
 from .build import build
 from .equation import Equation, Filter, Unknowns, equation_for
+from .marching import AbstractMarch, Adaptive, Checks, Fixed, State
 from .scene import Scene
 from .scenefile import parse
 from .scenetables import SceneFile
-from .simulate import AbstractMarch, Adaptive, Checks, Fixed, State
 
 _STEPPERS = {"ark4": steppers.ARK4, "ark5": steppers.ARK5, "euler": steppers.SemiImplicitEuler}
 AUTO_NODES = (64, 96, 128, 192, 256)
@@ -81,9 +81,9 @@ def _is_resolved(x: VesiclePoints, N: int):
 
 
 @eqx.filter_jit
-def _relaxing(x: NodePoints) -> simulate.Result:
+def _relaxing(x: NodePoints) -> marching.Result:
     # Deviations fall by e^-12 in one t_κ when nearly round, by e^-1.3 at Δ = 0.25.
-    return simulate.simulate(Scene(x[None], jnp.ones(1)), 20.0, saves=20, march=Adaptive(1e-7))
+    return marching.simulate(Scene(x[None], jnp.ones(1)), 20.0, saves=20, march=Adaptive(1e-7))
 
 
 def relaxed(scene: Scene, which: list[bool]) -> Scene:
@@ -123,7 +123,7 @@ def problem_of(scene_file: SceneFile, scene: Scene) -> Problem:
 @eqx.filter_jit
 def _started(scene: Scene, march: AbstractMarch, t_end, average):
     equation = equation_for(scene, integrands=None if average is None else diagnostics.averaged)
-    return equation, simulate.stops_of(scene, t_end, average), simulate.initial_state(equation, march, average)
+    return equation, marching.stops_of(scene, t_end, average), marching.initial_state(equation, march, average)
 
 
 def strengthened(tree):

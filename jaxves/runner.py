@@ -15,12 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import diagnostics, phases, simulate, status, store
+from . import diagnostics, marching, phases, status, store
 from .build import build
+from .marching import State
 from .problem import NotRelaxed, Problem, awaited, problem_of, relaxed, starting_scene, strengthened
 from .scenefile import to_toml
 from .scenetables import SceneFile
-from .simulate import State
 
 _SECONDS = 0.5  # between writes: what a killed run may lose
 _START = "start"  # in the restart: the nodes at t = 0, relaxed and all, before they were filtered
@@ -34,11 +34,11 @@ class Broken(Exception):
 
 @eqx.filter_jit
 def _march(problem: Problem, state: State, t_save):
-    return simulate.advance(problem.equation, problem.march, state, t_save[None], problem.stops, problem.checks)
+    return marching.advance(problem.equation, problem.march, state, t_save[None], problem.stops, problem.checks)
 
 
 @eqx.filter_jit
-def _means(window: simulate.Window, scene):
+def _means(window: marching.Window, scene):
     return diagnostics.averages(window.means(), scene)
 
 

@@ -38,7 +38,7 @@ class Scene(eqx.Module):
             raise ValueError("Scene.V_m needs Scene.field: without a field nothing charges the membrane.")
 
 
-def scene(
+def make_scene(
     shapes: Float[Array, "N 2"] | Sequence[Float[Array, "N 2"]],
     *,
     centers=None,

@@ -12,7 +12,7 @@ from jaxves.curve import Curve
 from jaxves.equation import Unknowns, equation_for
 from jaxves.flow import Shear
 from jaxves.potentials import far
-from jaxves.scene import dc_field, scene
+from jaxves.scene import dc_field, make_scene
 
 N = 32
 RADII = (0.05, 0.4, 0.7, 1.3, 2.0, 20.0)
@@ -45,7 +45,7 @@ def surroundings(equation, y, points, **how):
 def charged_circle(conductivity_ratio, V, **flow):
     """Unit circle in a field along y with V_m = V sin θ: its equation and state."""
     x = shapes.circle(N)
-    equation = equation_for(scene(x, field=dc_field(1.0, conductivity_ratio=conductivity_ratio), **flow))
+    equation = equation_for(make_scene(x, field=dc_field(1.0, conductivity_ratio=conductivity_ratio), **flow))
     return equation, Unknowns(x[None], V * x[None, :, 1])
 
 
@@ -54,7 +54,7 @@ def pair():
     """Two unlike vesicles in a field and a shear, one with a charged membrane of no symmetry."""
     x = jax.jit(jax.vmap(lambda D, a: shapes.ellipse(64, D, angle=a)))(jnp.array([0.95, 0.9]), jnp.array([0.4, 1.4]))
     field = dc_field(3.2, conductivity_ratio=jnp.array([0.1, 3.0]), vesicles=2, direction=(0.6, 0.8))
-    what = scene(list(x), centers=[[-1.5, 0.2], [1.4, -0.3]], field=field, flow=Shear(2.0))
+    what = make_scene(list(x), centers=[[-1.5, 0.2], [1.4, -0.3]], field=field, flow=Shear(2.0))
     return equation_for(what), Unknowns(what.x, 0.3 * what.x[..., 1] + 0.2 * what.x[..., 0] ** 2)
 
 
@@ -62,7 +62,7 @@ def pair():
 def vesicle():
     """A lone ellipse in shear."""
     x = jax.jit(lambda: shapes.ellipse(64, 0.9, angle=0.4))()
-    what = scene(x, flow=Shear(2.0))
+    what = make_scene(x, flow=Shear(2.0))
     return equation_for(what), Unknowns(what.x)
 
 
@@ -239,7 +239,7 @@ def test_a_marked_point_does_not_spoil_the_gradient_of_the_others():
     points = jnp.stack([x[3], jnp.zeros(2)])
 
     def inner_field(Lambda):
-        equation = equation_for(scene(x, field=dc_field(1.0, conductivity_ratio=Lambda)))
+        equation = equation_for(make_scene(x, field=dc_field(1.0, conductivity_ratio=Lambda)))
         found = around(equation, 0.0, Unknowns(x[None], jnp.zeros((1, N))), points, upsample=1)
         return jnp.sum(jnp.where(found.valid, found.electric_field[:, 1], 0.0))
 

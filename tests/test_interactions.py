@@ -9,8 +9,8 @@ import pytest
 from jaxves import diagnostics, flow, fourier, interactions, shapes
 from jaxves.curve import Curve
 from jaxves.equation import Unknowns, equation_for
-from jaxves.scene import dc_field, scene
-from jaxves.simulate import Adaptive, simulate
+from jaxves.marching import Adaptive, simulate
+from jaxves.scene import dc_field, make_scene
 
 REACH = 1.8996  # distance of the centers at which the two shapes of `pair` touch
 
@@ -21,7 +21,7 @@ def pair(N, gap, *, separate=None, M=2):
     second = shapes.ellipse(N, 0.94, angle=1.2, length=0.9)
     reach = REACH + gap if separate is None else separate
     field = dc_field(3.2, conductivity_ratio=[0.1, 0.4], membrane_conductance=[0.0, 0.3], vesicles=M)
-    s = scene([first, second], centers=[[0.0, 0.0], [reach, 0.0]], field=field, flow=flow.Shear(2.0))
+    s = make_scene([first, second], centers=[[0.0, 0.0], [reach, 0.0]], field=field, flow=flow.Shear(2.0))
     alpha = fourier.grid(N)
     return s, Unknowns(s.x, jnp.stack([0.4 * jnp.sin(alpha) + 0.1 * jnp.cos(2 * alpha), 0.3 * jnp.cos(alpha)]))
 
@@ -46,7 +46,7 @@ def test_vesicles_far_apart_move_as_if_alone():
         pick = slice(m, m + 1)
         ratio, conductance = s.field.conductivity_ratio[m], s.field.membrane_conductance[m]
         field = dc_field(3.2, conductivity_ratio=ratio, membrane_conductance=conductance)
-        single = motion_of(scene(s.x[m], field=field), Unknowns(y.x[pick], y.V_m[pick]))
+        single = motion_of(make_scene(s.x[m], field=field), Unknowns(y.x[pick], y.V_m[pick]))
         np.testing.assert_allclose(both.velocity[m], single.velocity[0], atol=1e-3 * jnp.max(jnp.abs(single.velocity)))
         np.testing.assert_allclose(both.w[m], single.w[0], atol=1e-6)
 
@@ -55,12 +55,12 @@ def test_vesicles_far_apart_move_as_if_alone():
 def test_a_pair_converges_spectrally_near_and_far(gap):
     """Velocity at the first node of both and the charging rate, against twice and four times the nodes."""
     found = {}
-    for N in (48, 96, 192):
+    for N in (64, 128, 256):
         s, y = pair(N, gap)
         motion = motion_of(s, y)
         found[N] = jnp.concatenate([motion.velocity[:, 0].ravel(), motion.V_rate[:, 0]])
-    coarse, fine = (jnp.max(jnp.abs(found[N] - found[192])) for N in (48, 96))
-    assert fine < 1e-5 * jnp.max(jnp.abs(found[192]))
+    coarse, fine = (jnp.max(jnp.abs(found[N] - found[256])) for N in (64, 128))
+    assert fine < 1e-5 * jnp.max(jnp.abs(found[256]))
     assert fine < 0.02 * coarse
 
 
@@ -108,7 +108,7 @@ def test_the_order_of_vesicles_does_not_matter():
 def test_a_lone_vesicle_traces_nothing_of_interactions():
     x = shapes.ellipse(32, 0.9)
     y = Unknowns(x[None])
-    text = str(jax.make_jaxpr(lambda x: equation_for(scene(x)).rate(jnp.zeros(()), y))(x))
+    text = str(jax.make_jaxpr(lambda x: equation_for(make_scene(x)).rate(jnp.zeros(()), y))(x))
     assert "c128" not in text  # the arithmetic of close evaluation
     assert "scatter" not in text  # the assembly of coupled systems
 
@@ -122,7 +122,7 @@ def test_the_gap_is_the_distance_of_the_curves_not_of_the_nodes():
 
 def test_crossing_vesicles_end_a_run_as_a_collision():
     e = shapes.ellipse(32, 0.9)
-    s = scene([e, e], centers=[[0.0, 0.0], [1.0, 0.0]])
+    s = make_scene([e, e], centers=[[0.0, 0.0], [1.0, 0.0]])
     result = jax.jit(lambda s: simulate(s, 1e-3, saves=1, march=Adaptive(1e-2)))(s)
     assert result.word == "collision"
 
@@ -133,7 +133,7 @@ def test_aligned_vesicles_attract_and_vesicles_side_by_side_repel():
 
     def separation_rate(offset):
         field = dc_field(3.2, conductivity_ratio=0.1, vesicles=2)
-        s = scene([e, e], centers=[offset, -offset], field=field)
+        s = make_scene([e, e], centers=[offset, -offset], field=field)
         motion = motion_of(s, Unknowns(s.x, jnp.zeros((2, 48))))
         relative = jnp.mean(motion.velocity[0], axis=0) - jnp.mean(motion.velocity[1], axis=0)
         force = jnp.sum((motion.f_el * motion.surfaces.curves.weights[..., None])[0], axis=0)

@@ -10,18 +10,18 @@ from conftest import circle, observed_order
 from jaxves import fourier, shapes, status, steppers
 from jaxves.flow import Shear
 from jaxves.history import Pulse
-from jaxves.scene import Scene, dc_field, scene
-from jaxves.simulate import Adaptive, Checks, Fixed, simulate
+from jaxves.marching import Adaptive, Checks, Fixed, simulate
+from jaxves.scene import Scene, dc_field, make_scene
 
 
 def pop(N=64):
-    return scene(shapes.ellipse(N, 0.9, angle=jnp.pi / 2), field=dc_field(3.2, conductivity_ratio=0.1))
+    return make_scene(shapes.ellipse(N, 0.9, angle=jnp.pi / 2), field=dc_field(3.2, conductivity_ratio=0.1))
 
 
 def treading(N=64):
     """Tank-treading in a field, from 20°."""
     field = dc_field(6.4, conductivity_ratio=0.1, membrane_conductance=4.0)
-    return scene(shapes.ellipse(N, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
+    return make_scene(shapes.ellipse(N, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
 
 
 @eqx.filter_jit
@@ -83,7 +83,7 @@ def test_the_error_follows_the_tolerance(stepper):
 def test_charging_of_a_circle_is_the_closed_form():
     """V_m = 2Λ/(1+Λ)/r · sin θ · (1 - e^{-rt/χ}), r = G + Λ/(1+Λ): β = 0 leaves the circle at rest."""
     ratio, G, chi = 5.0, 0.5, 0.08
-    s = scene(circle(32), field=dc_field(0.0, conductivity_ratio=ratio, membrane_conductance=G, chi=chi))
+    s = make_scene(circle(32), field=dc_field(0.0, conductivity_ratio=ratio, membrane_conductance=G, chi=chi))
     result = run(s, 0.2, Fixed(100), saves=4)
     rate = G + ratio / (1 + ratio)
     exact = 2 * ratio / (1 + ratio) / rate * (1 - jnp.exp(-rate * result.t / chi))
@@ -101,7 +101,7 @@ def test_a_net_potential_decays_at_the_rate_of_the_conductance():
 
 
 def test_without_field_and_flow_the_bending_energy_only_falls():
-    result = run(scene(shapes.ellipse(64, 0.7)), 0.5, Adaptive(1e-5), saves=20)
+    result = run(make_scene(shapes.ellipse(64, 0.7)), 0.5, Adaptive(1e-5), saves=20)
     energy = result.diagnostics["bending_energy"][:, 0]
     assert jnp.all(jnp.diff(energy) < 1e-9)
     assert energy[0] - energy[-1] > 0.1
@@ -139,14 +139,14 @@ def test_a_fixed_step_that_is_too_large_ends_with_a_name():
 
 
 def test_too_few_nodes_are_named_unresolved():
-    s = scene(shapes.ellipse(24, 0.5, angle=jnp.pi / 2), field=dc_field(12.8, conductivity_ratio=0.1))
+    s = make_scene(shapes.ellipse(24, 0.5, angle=jnp.pi / 2), field=dc_field(12.8, conductivity_ratio=0.1))
     result = run(s, 0.1, Adaptive(1e-3), saves=10)
     assert int(result.status) >= status.UNRESOLVED
 
 
 def test_a_steady_state_ends_the_run_early():
     result = run(
-        scene(shapes.ellipse(48, 0.9)), 20.0, Adaptive(1e-5), saves=20, checks=Checks(steady=jnp.asarray(1e-4))
+        make_scene(shapes.ellipse(48, 0.9)), 20.0, Adaptive(1e-5), saves=20, checks=Checks(steady=jnp.asarray(1e-4))
     )
     assert result.word == "steady"
     assert jnp.isnan(result.t[-1])

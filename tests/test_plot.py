@@ -14,7 +14,7 @@ from matplotlib.text import Annotation
 from jaxves import plot, shapes
 from jaxves.around import around
 from jaxves.equation import Unknowns, equation_for
-from jaxves.scene import dc_field, scene
+from jaxves.scene import dc_field, make_scene
 
 T, N = 7, 32
 FIELD = "[field]\ndirection = [0.0, 1.0]\n"
@@ -153,7 +153,7 @@ def test_a_history_by_default_shows_what_is_there():
 @pytest.fixture(scope="module")
 def charged():
     x = shapes.circle(N)
-    equation = equation_for(scene(x, field=dc_field(3.0, conductivity_ratio=0.1)))
+    equation = equation_for(make_scene(x, field=dc_field(3.0, conductivity_ratio=0.1)))
     return equation, Unknowns(x[None], 0.5 * x[None, :, 1])
 
 
@@ -187,7 +187,7 @@ def test_stream_lines_follow_the_fluid_and_show_the_tension(charged):
 def test_field_lines_need_a_field():
     x = shapes.circle(N)
     with pytest.raises(ValueError, match="field"):
-        plot.field_lines(equation_for(scene(x)), 0.0, Unknowns(x[None]))
+        plot.field_lines(equation_for(make_scene(x)), 0.0, Unknowns(x[None]))
 
 
 def test_a_film_has_the_frames_asked_for(tmp_path):
