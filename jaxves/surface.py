@@ -56,13 +56,6 @@ class Surfaces(eqx.Module):
         velocity = jax.vmap(StokesBlocks.__matmul__)(self.stokes_slp, f * self.curves.speed[..., None])
         return velocity if self.interactions is None else velocity + self.interactions.stokes(f)
 
-    def normal_field(self, q: VesicleNodes) -> VesicleNodes:
-        """S' q, principal value."""
-        value = jnp.einsum("mij,mj->mi", self.laplace_slp_dn, self.curves.speed * q)
-        if self.interactions is not None:
-            value = value + jnp.sum(self.interactions.slp_gradient(q) * self.curves.normal, axis=-1)
-        return value
-
     def dlp_dn(self, V_m: VesicleNodes) -> VesicleNodes:
         """D' V_m = ∂_s S ∂_s V_m; on the density ∂_s V_m the weight |x_α| cancels."""
         slope = fourier.derivative(V_m)
