@@ -49,7 +49,7 @@ def draw(found) -> Figure:
         turning.plot(case["t"], case["angle"], label=rf"$\Lambda$ = {ratio:g}")
         draining.semilogy(case["t"], case["gap"])
     turning.axhline(90, color="0.7", linewidth=0.8, zorder=0)
-    turning.set(xlabel=r"$t/t_\kappa$", ylabel="line of centres (degrees)")
+    turning.set(xlabel=r"$t/t_\kappa$", ylabel="line of centres (degrees)", ylim=(-400, 700))
     draining.set(xlabel=r"$t/t_\kappa$", ylabel="gap $/a$")
     turning.legend(fontsize="x-small")
     return figure
