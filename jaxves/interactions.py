@@ -38,9 +38,7 @@ class Interactions(eqx.Module):
     def of(cls, curves: Curve, *, electric: bool) -> "Interactions":
         """All ordered pairs of the M membranes in `curves`."""
         M = curves.x.shape[0]
-        target, source = _pairs(M)
-        targets = jax.tree.map(lambda leaf: leaf[target], curves)
-        sources = jax.tree.map(lambda leaf: leaf[source], curves)
+        targets, sources = pair_frames(curves)
         is_near = jax.vmap(_is_near)(sources, targets.x)
         far = jax.vmap(lambda source, x: _far(source, x, electric))(sources, targets.x)
 
@@ -110,6 +108,5 @@ def _far(source: Curve, x, electric: bool):
 def _close(source: Curve, x, electric: bool):
     """Close evaluation; other vesicles lie outside."""
     close = CloseGeometry.of(source, x, inside=False)
-    blocks = near_stokes.stokes_slp_matrix(close)
     gradient = near.laplace_slp_gradient_matrix(close) if electric else None
-    return StokesBlocks(blocks.xx, blocks.xy, blocks.yy), gradient
+    return near_stokes.stokes_slp_matrix(close), gradient

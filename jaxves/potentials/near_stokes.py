@@ -16,26 +16,14 @@ Laplace potentials in [B], with ȳ - z̄ kept together.
 [B] A. H. Barnett, B. Wu, S. Veerapaneni, SIAM J. Sci. Comput. 37 (2015) B519-B542.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..arrays import NodePoints, Points
 from .cauchy import complex_of, real_of
-from .near import CloseGeometry, TargetMatrix, slp_flux_matrix, slp_of_flux
-
-
-class CloseBlocks(eqx.Module):
-    """The block matrix [[xx, xy], [xy, yy]] from N nodes to P targets."""
-
-    xx: TargetMatrix
-    xy: TargetMatrix
-    yy: TargetMatrix
-
-    def __matmul__(self, f: NodePoints) -> Points:
-        fx, fy = f[:, 0], f[:, 1]
-        return jnp.stack([self.xx @ fx + self.xy @ fy, self.xy @ fx + self.yy @ fy], axis=-1)
+from .near import CloseGeometry, slp_flux_matrix, slp_of_flux
+from .stokes import StokesBlocks
 
 
 def _g(close: CloseGeometry, flux: Float[Array, "K 2"]) -> Complex[Array, "K"]:
@@ -56,13 +44,13 @@ def stokes_slp(close: CloseGeometry, f: NodePoints) -> Points:
     return equal + 0.25 * real_of(jnp.conj(_against_distance(close, _g(close, flux))))
 
 
-def stokes_slp_matrix(close: CloseGeometry) -> CloseBlocks:
+def stokes_slp_matrix(close: CloseGeometry) -> StokesBlocks:
     """The blocks of S."""
     distance = jnp.conj(close.z - close.target[:, None])
     cross = close.rule.matrix() * (distance * (0.25j / close.dz))
     equal = 0.5 * slp_flux_matrix(close) + 0.25 / close.z.shape[0]
     blocks = equal + cross.real, -cross.imag, equal - cross.real
-    return CloseBlocks(*(close.on_flux(block) for block in blocks))
+    return StokesBlocks(*(close.on_flux(block) for block in blocks))
 
 
 def stokes_slp_pressure(close: CloseGeometry, f: NodePoints) -> Float[Array, "P"]:

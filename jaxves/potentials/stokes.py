@@ -8,20 +8,21 @@ the same log rule; r_a r_b/|r|² is smooth, with the limit t_a t_b and trace 1: 
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from ..arrays import NodeMatrix, NodePoints
+from ..arrays import NodeMatrix, NodePoints, Points
 from ..curve import Curve
 from .chords import Chords
 
 
 class StokesBlocks(eqx.Module):
-    """The symmetric block matrix [[xx, xy], [xy, yy]]."""
+    """The block matrix [[xx, xy], [xy, yy]], from N nodes to P points."""
 
-    xx: NodeMatrix
-    xy: NodeMatrix
-    yy: NodeMatrix
+    xx: Float[Array, "*batch P N"]
+    xy: Float[Array, "*batch P N"]
+    yy: Float[Array, "*batch P N"]
 
-    def __matmul__(self, f: NodePoints) -> NodePoints:
+    def __matmul__(self, f: NodePoints) -> Points:
         fx, fy = f[:, 0], f[:, 1]
         return jnp.stack([self.xx @ fx + self.xy @ fy, self.xy @ fx + self.yy @ fy], axis=-1)
 
