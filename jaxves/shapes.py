@@ -12,7 +12,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from . import curve, fourier
+from . import curve, fourier, outlines
 from .arrays import NodePoints, Scalar, ScalarLike, as_float
 
 _FINE = 512  # samples of an ellipse before its nodes are chosen: 12 digits down to Δ = 0.2
@@ -69,16 +69,11 @@ def through_points(points: Float[np.ndarray, "K 2"], N: int, *, length: float = 
     A periodic quintic spline over chord length, resampled. Not differentiable in the points: take
     derivatives with respect to the nodes it returns.
     """
-    from scipy.interpolate import make_interp_spline
-
     points = np.asarray(points, dtype=float)
     x, y = points.T
     if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
         points = points[::-1]
-    closed = np.vstack([points, points[:1]])
-    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    spline = make_interp_spline(chord, closed, k=5, bc_type="periodic")
-    fine = spline(np.linspace(0, chord[-1], _FINE, endpoint=False))
+    fine = outlines.smooth(points)
     return scaled(equispaced(as_float(fine), N), length)
 
 
