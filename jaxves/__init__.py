@@ -52,6 +52,7 @@ _LAYERS = {
     "scenetables": (),
     "scenefile": (),
     "build": (),
+    "parameters": (),
     # runs, result files, pictures
     "hdf5": (),
     "store": (),

@@ -1,4 +1,7 @@
-"""From a scene file to a scene: nodes on curves, radians for degrees, arrays for numbers."""
+"""From a scene file to a scene: nodes on curves, radians for degrees, arrays for numbers.
+
+The tables of the file may hold traced arrays in place of their numbers (`parameters`).
+"""
 
 import math
 from functools import partial
@@ -9,11 +12,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from . import curve, flow, history, outlines, shapes
-from .arrays import NodePoints
+from .arrays import NodePoints, ScalarLike, as_float
 from .electric import Field
 from .scene import Scene
 from .scenetables import (
     ExtensionFlow,
+    FieldTable,
+    FlowTable,
     LinearFlow,
     PulseTime,
     SceneFile,
@@ -30,17 +35,17 @@ _NODES = 64  # to begin with, where the number is found while running ("auto")
 def build(scene_file: SceneFile) -> Scene:
     """The scene as the file describes it; vesicles to be relaxed first are not relaxed yet."""
     N = _NODES if scene_file.numerics.nodes == "auto" else scene_file.numerics.nodes
-    vesicles = scene_file.vesicles
+    vesicles = scene_file.vesicles(jnp)
     return Scene(
         jnp.stack([_nodes(vesicle, N) for vesicle in vesicles]),
-        jnp.array([vesicle.bending for vesicle in vesicles]),
-        _field(scene_file),
-        _flow(scene_file),
+        jnp.stack([as_float(vesicle.bending) for vesicle in vesicles]),
+        _field(scene_file.field, vesicles),
+        _flow(scene_file.flow),
     )
 
 
 def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
-    angle = math.radians(vesicle.angle)
+    angle = _radians(vesicle.angle)
     match vesicle:
         case EllipseVesicle():
             x = shapes.ellipse(N, vesicle.reduced_area, angle=angle, length=vesicle.length)
@@ -48,7 +53,11 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
             x = shapes.rotated(shapes.circle(N, length=vesicle.length), angle)
         case PointsVesicle():
             x = _resampled(N, outlines.smooth(np.array(vesicle.points)), angle, vesicle.length)
-    return x + np.array(vesicle.center)
+    return x + jnp.stack([as_float(component) for component in vesicle.center])
+
+
+def _radians(degrees: ScalarLike) -> ScalarLike:
+    return degrees * (math.pi / 180)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -58,14 +67,13 @@ def _resampled(N: int, samples, angle, length) -> NodePoints:
     return shapes.rotated(shapes.scaled(x, length), angle)
 
 
-def _field(scene_file: SceneFile) -> Field | None:
-    table = scene_file.field
+def _field(table: FieldTable | None, vesicles: tuple[VesicleTable, ...]) -> Field | None:
     if table is None:
         return None
 
     def each(key: str) -> Float[Array, "M"]:
-        own = [getattr(vesicle, key) for vesicle in scene_file.vesicles]
-        return jnp.array([getattr(table, key) if value is None else value for value in own])
+        own = [getattr(vesicle, key) for vesicle in vesicles]
+        return jnp.stack([as_float(getattr(table, key) if value is None else value) for value in own])
 
     return Field(
         beta=table.beta,
@@ -84,14 +92,13 @@ def _history(table: TimeTable | None) -> history.AbstractHistory | None:
         case PulseTime():
             return history.Pulse(table.start, table.duration, table.rise)
         case SineTime():
-            return history.Sine(table.frequency, table.amplitude, table.offset, math.radians(table.phase))
+            return history.Sine(table.frequency, table.amplitude, table.offset, _radians(table.phase))
         case TabulatedTime():
             return history.Table(table.times, table.values)
     return None
 
 
-def _flow(scene_file: SceneFile) -> flow.AbstractFlow | None:
-    table = scene_file.flow
+def _flow(table: FlowTable | None) -> flow.AbstractFlow | None:
     match table:
         case ShearFlow():
             return flow.Shear(table.capillary_number)

@@ -143,7 +143,7 @@ class _Begun(NamedTuple):
 def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> _Begun:
     """The first row is in the file."""
     scene, failed = starting_scene(scene_file), None
-    which = [vesicle.relaxed for vesicle in scene_file.vesicles]
+    which = [vesicle.relaxed for vesicle in scene_file.vesicles()]
     if any(which):
         progress(0.0, "relaxing")
         try:

@@ -42,6 +42,11 @@ class PairTable(Table):
     separation: Positive = None
     offset_angle: Finite = 0.0  # of the line of centres from x
 
+    def offset(self, xp: Any = math) -> tuple[Any, Any]:
+        """From the middle to the second vesicle; the first lies opposite. `xp` has the functions for its numbers."""
+        angle = self.offset_angle * (math.pi / 180)
+        return 0.5 * self.separation * xp.cos(angle), 0.5 * self.separation * xp.sin(angle)
+
 
 class TimeTable(Table):
     """How the strength of the field depends on time: a factor on it."""
@@ -189,14 +194,11 @@ class SceneFile(Table):
     stop: StopTable | None = None
     numerics: NumericsTable = NumericsTable()
 
-    @property
-    def vesicles(self) -> tuple[VesicleTable, ...]:
-        """All of them, a pair as two."""
+    def vesicles(self, xp: Any = math) -> tuple[VesicleTable, ...]:
+        """All of them, a pair as two; `xp` as in `PairTable.offset`."""
         if self.pair is None:
             return self.vesicle
-        angle = math.radians(self.pair.offset_angle)
-        half = 0.5 * self.pair.separation
-        dx, dy = half * math.cos(angle), half * math.sin(angle)
+        dx, dy = self.pair.offset(xp)
         (one,) = self.vesicle
         x, y = one.center
         return tuple(one.model_copy(update={"center": (x + s * dx, y + s * dy)}) for s in (-1, 1))
@@ -222,7 +224,7 @@ class SceneFile(Table):
             raise refusal("a [field], along which a vesicle is prolate or oblate", "stop.class", self.stop.class_)
 
     def _is_clear_of_contact(self) -> None:
-        vesicles = self.vesicles
+        vesicles = self.vesicles()
         if len(vesicles) == 1:
             return
         touching = outlines.first_touching(
