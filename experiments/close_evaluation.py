@@ -28,6 +28,7 @@ SHAPES = {
     "star": (lambda t: (1 + 0.3 * np.cos(5 * t)) * np.exp(1j * t), 448),
 }
 DISTANCES = tuple(10.0**-k for k in range(1, 11))
+QUICK = dict(shapes=("circle",), distances=(1e-2, 1e-6), sizes=(100,))
 FORCE_AT, FORCE, VISCOSITY = np.array([1.5, 1.2]), np.array([0.6, 0.8]), 0.7
 
 

@@ -29,6 +29,7 @@ METHODS = {
     "Euler, unprojected": (SemiImplicitEuler(), False),
 }
 PARTS = ("x", "V_m", "tension")
+QUICK = dict(scenes=("tank-treading",), methods=("ARK4",), sizes=(20, 40), N=64, reference=160)
 _AT_ONCE = 10  # steps in one compiled call
 _ALL = Checks(tail=np.inf, drift=np.inf)  # judged here by their error alone
 

@@ -17,6 +17,8 @@ from jaxves import shapes, status
 from jaxves.marching import Adaptive
 from jaxves.scene import dc_field, make_scene
 
+QUICK = dict(ratios=(0.1,), t_end=0.1, saves=2, N=32, tolerance=1e-3)
+
 
 def run(ratios=(0.1, 0.2, 0.3, 0.5, 0.8, 2.0), t_end=10.0, saves=100, N=64, tolerance=1e-4):
     """For each Λ: word, times, angle of the line of centres (degrees, followed in time), gap, separation."""

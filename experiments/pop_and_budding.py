@@ -30,6 +30,7 @@ from ._common import march, pop, save, store, styled
 PAPER = {9.6: 0.253, 12.8: 0.216, 16.0: 0.184}
 WINDOWS = {9.6: (0.22, 0.28), 11.2: (0.21, 0.26), 12.0: (0.2, 0.26), 12.8: (0.19, 0.25)}
 WINDOWS |= {13.6: (0.18, 0.235), 14.4: (0.17, 0.225), 16.0: (0.155, 0.205)}
+QUICK = dict(cases=(), N=32, t_end=0.2, saves=10)
 _AT_MINIMUM = ("tension_min", "spectral_tail", "tension_tail")
 # β, nodes, tolerance; the coarser ones show what these are worth, and how the minimum moves with β
 CASES = ((12.8, 192, 1e-5), (9.6, 192, 1e-5), (16.0, 256, 1e-5))

@@ -28,6 +28,10 @@ VARIANTS = {
     "Nyquist only": (True, 1),
     "neither": (False, 1),
 }
+QUICK = dict(
+    scenes=("tank-treading",), variants=("both", "no projection"), N=64, sizes=(20,), reference=80, pop_end=0.01,
+    controlled=("POP",),
+)  # fmt: skip
 _AT_ONCE = 5
 _ALL = Checks(tail=np.inf, drift=np.inf)  # judged here by their error alone
 

@@ -24,6 +24,9 @@ AREAS = (0.6, 0.7, 0.8, 0.9)
 NEARLY_ROUND = (0.97, 0.98, 0.99, 0.995)
 
 
+QUICK = dict(areas=(0.9,), cases=((32, 1e-4),), nearly_round=(0.97, 0.98, 0.99), N=32, tolerance=1e-5, t_end=2.0)
+
+
 def steady(reduced_area, N, tolerance, capillary_number=10.0, t_end=4.0):
     """Inclination (rad), [μ] and tank-treading speed at `t_end`; how much the first two changed in its last eighth."""
     setting = make_scene(shapes.ellipse(N, reduced_area, angle=0.8 * jnp.pi / 4), flow=Shear(capillary_number))

@@ -27,6 +27,7 @@ from ._common import interleaved, medians, save, store, styled
 
 CONTRAST = (0.1 - 1) / (0.1 + 1)  # Λ = 0.1
 TOLERANCE = 1e-9  # rounding in the action of K alone leaves 1e-10 at 512 nodes
+QUICK = dict(sizes=(64,), shapes=("Δ = 0.9",), timed="Δ = 0.9", repeats=1)
 _CUT = 1  # σ loses its Nyquist mode
 
 

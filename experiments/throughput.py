@@ -28,6 +28,7 @@ from jaxves.steppers import ARK4
 from ._common import interleaved, march, medians, pop, save, store, styled
 
 PRESENT = {"nothing imposed": (0, 0), "flow": (0, 1), "field": (1, 0), "field and flow": (1, 1)}
+QUICK = dict(sizes=(32,), repeats=3, N=32, t_end=0.01, present=("flow",))
 
 
 def rate(equation, y):

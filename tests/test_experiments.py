@@ -25,7 +25,7 @@ HERE = Path(_common.__file__).parent
 
 @pytest.mark.slow
 def test_throughput_counts_in_linear_solves_and_times_what_is_present():
-    found = throughput.run(sizes=(32,), repeats=3, N=32, t_end=0.01, present=("flow",))
+    found = throughput.run(**throughput.QUICK)
     row = found["by size"][32]
     assert row["step / LU"] == row["step"] / row["LU"] > 0
     assert found["by what is present"]["flow"] > 0
@@ -35,7 +35,7 @@ def test_throughput_counts_in_linear_solves_and_times_what_is_present():
 
 @pytest.mark.slow
 def test_order_in_time_sees_the_order():
-    found = order_in_time.run(scenes=("tank-treading",), methods=("ARK4",), sizes=(20, 40), N=64, reference=160)
+    found = order_in_time.run(**order_in_time.QUICK)
     table = found["tank-treading"]["ARK4"]
     assert table["orders"]["x"][0] > 3
     assert max(table["area"]) < 1e-8
@@ -44,9 +44,7 @@ def test_order_in_time_sees_the_order():
 
 def test_shear_meets_the_limits_of_a_circle():
     """Three vesicles, a quadratic: a per cent in both."""
-    found = shear.run(
-        areas=(0.9,), cases=((32, 1e-4),), nearly_round=(0.97, 0.98, 0.99), N=32, tolerance=1e-5, t_end=2.0
-    )
+    found = shear.run(**shear.QUICK)
     assert abs(found["limits"]["viscosity"] - 2) < 0.02
     assert abs(found["limits"]["inclination"] - np.pi / 4) < 0.01
     shear.draw(found)
@@ -70,17 +68,14 @@ def test_the_first_minimum_is_found_between_saves():
 
 
 def test_a_conducting_vesicle_stays_prolate():
-    found = pop_and_budding.run(cases=(), N=32, t_end=0.2, saves=10)
+    found = pop_and_budding.run(**pop_and_budding.QUICK)
     assert pop_and_budding.classes(found)["Λ = 10"] == "P"
     assert found["POP"]["diagnostics/deformation_along_field"].min() < 0
 
 
 @pytest.mark.slow
 def test_safeguards_shows_what_the_projection_is_worth():
-    found = safeguards.run(
-        scenes=("tank-treading",), variants=("both", "no projection"), N=64, sizes=(20,), reference=80,
-        pop_end=0.01, controlled=("POP",),
-    )  # fmt: skip
+    found = safeguards.run(**safeguards.QUICK)
     table = found["fixed"]["tank-treading"]
     assert table["no projection"]["length"][0] > 1e2 * table["both"]["length"][0]
     assert found["adaptive"]["POP"]["both"]["status"] == "complete"
@@ -97,7 +92,7 @@ def test_the_tension_operator_is_its_matrix_and_the_charge_operator_too():
 
 
 def test_the_preconditioner_of_the_tension_keeps_the_counts_low():
-    found = solvers.run(sizes=(64,), shapes=("Δ = 0.9",), timed="Δ = 0.9", repeats=1)
+    found = solvers.run(**solvers.QUICK)
     counts = found["counts"]["Δ = 0.9"][64]
     assert counts["charge"] < 10
     assert 2 * counts["tension"] < counts["tension, plain"]

@@ -1,0 +1,129 @@
+"""Which experiments are there, do they all run, and what do they take?
+
+    python -m experiments                      # the questions, with minutes
+    python -m experiments --quick [NAMES]      # every `run` at toy size, in one process
+    python -m experiments --all [NAMES]        # every `main`, one after the other: tables, figures, stored numbers
+
+Experiments are the modules beside this file whose names begin with a letter: their questions are the first lines of
+their docstrings, their minutes stand in README.md, and `QUICK`, where they have it, holds the arguments of a toy run.
+"""
+
+import ast
+import importlib
+import os
+import pkgutil
+import re
+import subprocess
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+# Small LAPACK calls are slower on two threads than on one; set before NumPy loads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+HERE = Path(__file__).parent
+out = Console(highlight=False)
+
+
+class Outcome(NamedTuple):
+    """How one experiment ended: "done", "no QUICK" or the error; seconds."""
+
+    name: str
+    word: str
+    seconds: float
+
+
+def names() -> list[str]:
+    """All experiments, by the names of their modules."""
+    return sorted(module.name for module in pkgutil.iter_modules([str(HERE)]) if module.name[0].isalpha())
+
+
+def question(name: str) -> str:
+    """The first line of a module's docstring, without importing it."""
+    return (ast.get_docstring(ast.parse((HERE / f"{name}.py").read_text())) or "").partition("\n")[0]
+
+
+def minutes() -> dict[str, str]:
+    """The minutes of README.md's table, by experiment; those without a row are missing."""
+    rows = re.findall(r"^\|[^|]*\|[^|`]*`(\w+)`[^|]*\| *([\d.]+) *\|", (HERE / "README.md").read_text(), re.MULTILINE)
+    return dict(reversed(rows))  # the first row of an experiment counts
+
+
+def run_quickly(name: str) -> Outcome:
+    """`run(**QUICK)` of one experiment."""
+    import jax
+
+    start = time.perf_counter()
+    word = "done"
+    try:
+        module = importlib.import_module(f"experiments.{name}")
+        if hasattr(module, "QUICK"):
+            module.run(**module.QUICK)
+        else:
+            word = "no QUICK"
+    except Exception as error:  # whatever one of them does, the others run
+        traceback.print_exc()
+        word = f"{type(error).__name__}: {error}".partition("\n")[0]
+    jax.clear_caches()
+    return Outcome(name, word, time.perf_counter() - start)
+
+
+def run_fully(name: str) -> Outcome:
+    """`main()` of one experiment, in a process of its own."""
+    start = time.perf_counter()
+    ended = subprocess.run([sys.executable, "-m", f"experiments.{name}"], check=False)
+    word = "done" if ended.returncode == 0 else f"exit status {ended.returncode}"
+    return Outcome(name, word, time.perf_counter() - start)
+
+
+def show(chosen: list[str]) -> None:
+    """The list of experiments."""
+    known = minutes()
+    table = Table(box=None)
+    for heading in ("python -m experiments.…", "minutes", "question"):
+        table.add_column(heading, justify="right" if heading == "minutes" else "left", overflow="fold")
+    for name in chosen:
+        table.add_row(name, known.get(name, "?"), question(name))
+    out.print(table)
+    out.print("All of them: --quick at toy size (minutes), --all in full; both take names.")
+
+
+def main(
+    chosen: Annotated[list[str] | None, typer.Argument(metavar="[NAMES]", help="Only these experiments.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Every run() at toy size.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Every main(), one after the other.")] = False,
+) -> None:
+    """Lists the experiments, or runs them."""
+    for name in chosen or []:
+        if name not in names():
+            raise typer.BadParameter(f"{name}, expected one of {', '.join(names())}", param_hint="NAMES")
+    if quick and everything:
+        raise typer.BadParameter("--quick and --all exclude each other")
+    if not quick and not everything:
+        show(chosen or names())
+        return
+    outcomes = []
+    for name in chosen or names():
+        out.rule(name, align="left")
+        outcomes.append(run_quickly(name) if quick else run_fully(name))
+        out.print(f"{outcomes[-1].word}, {outcomes[-1].seconds:.0f} s")
+    failed = [outcome for outcome in outcomes if outcome.word not in {"done", "no QUICK"}]
+    lacking = [outcome.name for outcome in outcomes if outcome.word == "no QUICK"]
+    done = len(outcomes) - len(failed) - len(lacking)
+    out.rule(align="left")
+    out.print(f"{done} done in {sum(outcome.seconds for outcome in outcomes) / 60:.1f} minutes")
+    if lacking:
+        out.print(f"not run, having no QUICK: {', '.join(lacking)}")
+    for outcome in failed:
+        out.print(f"failed: {outcome.name}: {outcome.word}", markup=False)
+    raise typer.Exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    typer.run(main)
