@@ -73,7 +73,9 @@ __all__ = [*_LAYERS, *_HOME]
 
 def __getattr__(name: str):
     if name in _HOME:
-        return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+        value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+        globals()[name] = value  # the next time without a detour
+        return value
     if name in _LAYERS:
         return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,22 @@
+"""The API reference can be built, and the package says who to cite."""
+
+import re
+import runpy
+from pathlib import Path
+
+import jaxves
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_the_api_reference_has_a_page_for_each_module(tmp_path):
+    runpy.run_path(str(ROOT / "docs" / "api.py"))["build"](tmp_path)
+    for module in jaxves._LAYERS:
+        assert (tmp_path / "jaxves" / f"{module}.html").exists() or (tmp_path / "jaxves" / module).is_dir()
+    assert "Runs a scene to" in (tmp_path / "jaxves.html").read_text()
+
+
+def test_the_version_to_cite_is_the_version_there_is():
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert cited[1] == jaxves.__version__
+    assert f"## {jaxves.__version__}" in (ROOT / "CHANGELOG.md").read_text()
