@@ -69,8 +69,11 @@ class Tableau:
         self.error_weights = self.weights - np.array(embedded)
 
 
-class _AdditiveRungeKutta(AbstractStepper):
-    """Stage i solves (1 - γhA) d = h Σ_{j<i} (aᴱ N_j + aᴵ L_j), then L = A d = (d - r)/γh, N = F(y + d) - L."""
+class AdditiveRungeKutta(AbstractStepper):
+    """Stage i solves (1 - γhA) d = h Σ_{j<i} (aᴱ N_j + aᴵ L_j), then L = A d = (d - r)/γh, N = F(y + d) - L.
+
+    A scheme is a subclass with its `order` and `tableau`.
+    """
 
     tableau: eqx.AbstractClassVar[Tableau]
 
@@ -150,7 +153,7 @@ _ARK436 = Tableau(
 )
 
 
-class ARK4(_AdditiveRungeKutta):
+class ARK4(AdditiveRungeKutta):
     """ARK4(3)6L[2]SA [KC3]: six stages, order 4, embedded order 3."""
 
     order = 4
@@ -231,7 +234,7 @@ _ARK548 = Tableau(
 )
 
 
-class ARK5(_AdditiveRungeKutta):
+class ARK5(AdditiveRungeKutta):
     """ARK5(4)8L[2]SA_b [KC19]: eight stages, order 5, embedded order 4; for tight tolerances."""
 
     order = 5

@@ -1,0 +1,71 @@
+"""How far apart are two solutions, whatever their nodes? For experiments that compare runs.
+
+    shape    max over the nodes of either of the distance to the other's trigonometric interpolant
+    V_m, λ   max over the nodes of the first of the difference to the second at the nearest point
+
+Nearest points are found by Newton's method to round-off, so that only the parts normal to the membrane count.
+Membranes are fluid: where on it a node lies is no physics.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxves import fourier
+
+_FINER = 4  # Newton starts from the nearest point of a grid so much finer
+
+
+def _slope(modes):
+    """Coefficients of the derivative, from those of `fourier.coefficients`."""
+    cosine, sine = modes
+    k = jnp.arange(cosine.shape[0]).reshape(-1, *[1] * (cosine.ndim - 1))
+    return k * sine, -k * cosine
+
+
+def nearest(x, other):
+    """The parameters (N,) of the points on the interpolant of `other` (K, 2) nearest to the points `x` (N, 2)."""
+    grid = fourier.resample(other, _FINER * other.shape[0], axis=0)
+    r2 = jnp.sum((x[:, None] - grid[None]) ** 2, axis=-1)
+    spacing = 2 * np.pi / grid.shape[0]
+    modes = fourier.coefficients(other)
+    first = _slope(modes)
+    second = _slope(first)
+
+    def newton(alpha, _):
+        apart = x - fourier.series(modes, alpha)
+        tangent, bend = fourier.series(first, alpha), fourier.series(second, alpha)
+        slope = jnp.sum(apart * tangent, axis=-1)
+        curvature = jnp.sum(tangent**2, axis=-1) - jnp.sum(apart * bend, axis=-1)
+        return alpha + jnp.clip(slope / curvature, -spacing, spacing), None
+
+    alpha, _ = lax.scan(newton, spacing * jnp.argmin(r2, axis=1), length=8)
+    return alpha
+
+
+def _of_two(a, b):
+    """The differences of one vesicle at one instant."""
+    there, back = nearest(a["x"], b["x"]), nearest(b["x"], a["x"])
+    one = jnp.sqrt(jnp.sum((a["x"] - fourier.evaluate(b["x"], there)) ** 2, axis=-1))
+    other = jnp.sqrt(jnp.sum((b["x"] - fourier.evaluate(a["x"], back)) ** 2, axis=-1))
+    out = {"shape": jnp.maximum(jnp.max(one), jnp.max(other))}
+    if "V_m" in a:
+        out["V_m"] = jnp.max(jnp.abs(a["V_m"] - fourier.evaluate(b["V_m"], there)))
+    difference = jnp.max(jnp.abs(a["tension"] - fourier.evaluate(b["tension"], there)))
+    return out | {"tension": difference / jnp.max(jnp.abs(b["tension"]))}
+
+
+@jax.jit
+def _of_all(a, b):
+    return jax.vmap(jax.vmap(_of_two))(a, b)
+
+
+def distances(rows, reference) -> dict[str, np.ndarray]:
+    """The worst of the vesicles at each saved instant: "shape", "V_m" and "tension" (relative to the largest).
+
+    `rows` and `reference` hold `x` (T, M, N, 2), `tension` and perhaps `V_m` (T, M, N); N may differ.
+    """
+    parts = [name for name in ("x", "V_m", "tension") if name in rows]
+    a, b = ({name: jnp.asarray(side[name]) for name in parts} for side in (rows, reference))
+    return {name: np.max(np.asarray(value), axis=1) for name, value in _of_all(a, b).items()}

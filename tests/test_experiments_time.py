@@ -1,0 +1,70 @@
+"""The experiments on accuracy, run time and stability, at toy size."""
+
+import jax.numpy as jnp
+import numpy as np
+from conftest import star
+
+from experiments import convergence
+from experiments._distance import distances
+from experiments._schemes import ARK2, ARK3
+from jaxves import fourier
+
+
+def rows_of(x, V_m):
+    return {"x": x[None, None], "V_m": V_m[None, None], "tension": 3 * V_m[None, None]}
+
+
+def test_the_distance_of_two_outlines_does_not_see_their_nodes():
+    """The same star from other nodes, with a function of place on it: apart by round-off."""
+
+    def sampled(N, shift):
+        alpha = fourier.grid(N) + shift
+        radius = 1 + 0.2 * jnp.cos(3 * alpha)
+        x = radius[:, None] * jnp.stack([jnp.cos(alpha), jnp.sin(alpha)], axis=-1)
+        return rows_of(x, jnp.sin(alpha))
+
+    found = distances(sampled(64, 0.03), sampled(96, 0.0))
+    assert max(value.max() for value in found.values()) < 1e-14
+
+
+def test_the_distance_of_two_outlines_is_the_one_along_the_normal():
+    x = star(128)
+    V_m = jnp.zeros(128)
+    moved = jnp.array([3e-9, -4e-9])
+    apart = distances(rows_of(x + moved, V_m + 2e-9), rows_of(x, V_m + 1.0))
+    # somewhere on a closed curve the normal points along the displacement, but for the spacing of the nodes
+    assert abs(apart["shape"][0] / 5e-9 - 1) < 1e-2
+    np.testing.assert_allclose(apart["V_m"], 1 - 2e-9, rtol=1e-12)
+    np.testing.assert_allclose(apart["tension"], 1 - 2e-9, rtol=1e-12)
+
+
+def test_the_baselines_satisfy_their_order_conditions():
+    """Both parts, with the coupling conditions, which equal abscissae and weights reduce to these."""
+    for scheme in (ARK2, ARK3):
+        table = scheme.tableau
+        b, c = table.weights, table.times
+        np.testing.assert_allclose(table.implicit.sum(axis=1), c, atol=1e-14)
+        conditions = [b.sum() - 1, b @ c - 1 / 2, table.error_weights.sum()]
+        if scheme.order > 2:
+            conditions += [b @ c**2 - 1 / 3, b @ table.explicit @ c - 1 / 6, b @ table.implicit @ c - 1 / 6]
+            conditions += [table.error_weights @ c]
+        np.testing.assert_allclose(conditions, 0, atol=1e-14)
+        assert np.max(np.abs(table.error_weights)) > 1e-3
+
+
+def test_seconds_for_an_error_lie_between_two_runs_or_follow_the_order():
+    table = {"shape": [1e-2, 1e-4], "seconds": [1.0, 10.0]}  # order 2
+    for error, seconds in ((1e-3, np.sqrt(10)), (1e-6, 100.0)):
+        found, order = convergence.seconds_for(table, error)
+        np.testing.assert_allclose([found, order], [seconds, 2.0])
+    stuck = {"shape": [1e-2, 1e-2], "seconds": [1.0, 10.0]}
+    assert np.isnan(convergence.seconds_for(stuck, 1e-3)[0])
+
+
+def test_convergence_compares_schemes_with_one_reference():
+    found = convergence.run(**convergence.QUICK)["tank-treading"]
+    tables = found["nodes"][32]
+    assert found["reference"]["shape"] < 1e-4
+    assert tables["ARK4"]["shape"][1] < tables["ARK4"]["shape"][0] < 1e-2 * tables["Euler"]["shape"][0]
+    assert tables["ARK4"]["rates"][0] >= 6 * tables["ARK4"]["steps"][0]
+    convergence.draw({"tank-treading": found})
