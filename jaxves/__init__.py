@@ -29,6 +29,7 @@ _LAYERS = {
     "surface": ("Surfaces",),
     # physics
     "membrane": (),
+    "rigid": (),
     "history": ("Pulse", "Sine", "Table"),
     "electric": ("Field",),
     "flow": ("Extension", "Linear", "Shear"),

@@ -26,6 +26,7 @@ from .curve import Curve
 from .electric import SurfaceFields
 from .interactions import pair_frames
 from .potentials.stokes import StokesBlocks
+from .rigid import holding_force, nearest_circle, rigid_part
 from .scene import Scene
 from .surface import Surfaces
 
@@ -232,8 +233,23 @@ class Equation(eqx.Module):
         f_tension = jax.vmap(membrane.linear_tension_force)(curves, sigma)
         velocity = velocity + surfaces.stokes(f_tension)
         velocity = fourier.low_pass(velocity, self.filter.x, axis=1)
-        motion = Motion(surfaces, velocity, sigma, force + f_tension, f_el, V_rate, w, fields, residual, iterations)
+        f_hd = force + f_tension
+        if surfaces.interactions is None:
+            sigma, f_hd, velocity = self._held(curves, sigma, f_hd, velocity)
+        motion = Motion(surfaces, velocity, sigma, f_hd, f_el, V_rate, w, fields, residual, iterations)
         return motion, constraint, charge
+
+    def _held(self, curves: Curve, sigma: VesicleNodes, f_hd: VesiclePoints, velocity: VesiclePoints):
+        """What a circle keeps of its motion, and the force and tension that hold its shape; others as they are."""
+        round_ = self.is_circle()
+        rigid = jax.vmap(rigid_part)(curves, velocity)
+        holding = jax.vmap(holding_force)(curves, rigid - velocity)
+        along = jnp.sum(holding * curves.tangent, axis=-1) * curves.speed
+        return (
+            sigma + jnp.where(round_[:, None], fourier.antiderivative(along), 0.0),
+            f_hd + jnp.where(round_[:, None, None], holding, 0.0),
+            jnp.where(round_[:, None, None], rigid, velocity),
+        )
 
     def _tension(self, surfaces: Surfaces, constraint: Constraint, stretch: VesicleNodes) -> linear.Solution:
         across = surfaces.interactions
@@ -341,8 +357,11 @@ class Equation(eqx.Module):
         Quadratic: what a step of order p leaves, of size h^p, comes back as its square.
         """
         y = self.filtered(y)
-        dx = jax.vmap(self._correction)(y.x, self.area, self.speed, constraint)
-        return Unknowns(y.x + dx, y.V_m, y.integrals)
+        x = y.x + jax.vmap(self._correction)(y.x, self.area, self.speed, constraint)
+        if x.shape[0] == 1:
+            circles = jax.vmap(nearest_circle)(y.x, self.speed)
+            x = jnp.where(self.is_circle()[:, None, None], circles, x)
+        return Unknowns(x, y.V_m, y.integrals)
 
     def _correction(self, x, area, speed, constraint):
         curve = Curve.from_nodes(x)

@@ -40,7 +40,8 @@ ADVICE = {
     "class reached": "The stop condition was met.",
     "interrupted": "Everything up to here is kept; continue with --resume.",
     "unresolved": "The nodes no longer resolve the shape, the potential or the tension: use more nodes.",
-    "drift": "Area or perimeter left their values: lower the tolerance or the time step.",
+    "drift": "Area or perimeter left their values: lower the tolerance or the time step; "
+    "a circle among others cannot be held in shape: take reduced_area = 0.999.",
     "solve failed": "A linear system was not solved to round-off: use more nodes or the dense solver.",
     "self-contact": "Two parts of one membrane have crossed: use more nodes and a lower tolerance.",
     "collision": "Two membranes have crossed: use more nodes and a lower tolerance.",
