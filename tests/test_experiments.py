@@ -104,7 +104,7 @@ def test_close_evaluation_converges():
     assert errors[150][0] < 1e-4 * errors[100][0] or errors[150][0] < 1e-12
 
 
-@pytest.mark.parametrize("name", ["order_in_time", "pop_and_budding", "safeguards", "shear", "solvers", "throughput"])
+@pytest.mark.parametrize("name", sorted(path.stem for path in (HERE / "data").glob("*.json")))
 def test_stored_numbers_say_where_they_come_from(name):
     stored = json.loads((HERE / "data" / f"{name}.json").read_text())
     assert stored["provenance"]["command"] == f"python -m experiments.{name}"
