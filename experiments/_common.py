@@ -55,9 +55,11 @@ def march(
     filter: Filter | None = None,
     checks: Checks | None = None,
     together: int = 1,
+    until: Callable[[dict[str, np.ndarray]], bool] | None = None,
 ) -> tuple[State, dict[str, np.ndarray], Equation]:
     """From t = 0 through `times`, `together` of them a call: one compilation serves every number of them.
 
+    After each call `until` looks at the rows saved up to then and may end the run.
     Returns the last state, the saved rows (early ends leave NaN or fewer rows) and the equation.
     """
     equation = _equation_for(setting, filter=filter)
@@ -68,9 +70,10 @@ def march(
         part = times[i : i + together]
         state, row = _advance(equation, method, state, part, stops_of(setting, times[-1]), checks or Checks())
         rows.append(row)
-        if int(state.status) != status.RUNNING:
+        saved = jax.tree.map(lambda *parts: np.concatenate(parts), *rows)
+        if int(state.status) != status.RUNNING or (until is not None and until(saved)):
             break
-    return state, jax.tree.map(lambda *parts: np.concatenate(parts), *rows), equation
+    return state, saved, equation
 
 
 def interleaved(calls: dict[str, Callable], repeats: int) -> dict[str, list[float]]:

@@ -43,6 +43,7 @@ _LAYERS = {
     "diagnostics": (),
     "marching": ("Adaptive", "Checks", "Fixed", "simulate"),
     "phases": (),
+    "pairphases": (),
     "around": (),
     # scene files: checked tables, and what they describe
     "units": ("Physical",),

@@ -1,10 +1,12 @@
-r"""Velocity, potential and electric field away from the membranes, at one instant of a run.
+r"""Velocity, pressure, potential and electric field away from the membranes, at one instant of a run.
 
-    u = v_∞ + S_Stokes[f_hd]        φ = -E_∞·x + S q - D V_m        E = -∇φ        S, D of all membranes
+    u = v_∞ + S_Stokes[f_hd],   p = P_Stokes[f_hd]       φ = -E_∞·x + S q - D V_m,   E = -∇φ       of all membranes
 
-The trapezoidal rule is used where it holds to round-off: no nearer to a node than five times the node
-spacing (the paper's 5h rule). Points nearer are marked and come back as NaN rather than wrong. Finer
-nodes, by trigonometric interpolation of curve and densities, narrow that strip.
+Points anywhere, up to the membranes, where fields that jump have the limit from the point's own side. Near a
+membrane its potentials are closely evaluated; farther than the paper's 5h rule from its nodes, made four times as
+many by trigonometric interpolation, the trapezoidal rule holds to round-off, and is several times cheaper. Points
+are sorted by the membrane they are near, and chunks of them choose between the rules at run time, membrane by
+membrane (under `vmap` a choice becomes both).
 """
 
 import equinox as eqx
@@ -13,87 +15,78 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from . import fourier
-from .arrays import Points, ScalarLike, VesicleNodes, VesiclePoints, as_float
+from .arrays import Points, ScalarLike, as_float
 from .curve import Curve
 from .equation import Equation, Unknowns
-from .potentials import far
+from .potentials import far, near, near_stokes
+from .potentials.near import CloseGeometry
 
-_STRIP = 5.0  # node spacings about a membrane in which the trapezoidal rule fails
-_CHUNK = 512  # points evaluated at once: bounds the memory to tens of MB per vesicle
+_UPSAMPLE = 4  # source nodes of the trapezoidal rule per node of the run
+_STRIP = 5.0 / _UPSAMPLE + 0.5  # node spacings of the run; the curve may pass half of one from its nodes
+_CHUNK = 256  # points evaluated at once: bounds the memory to some ten MB, whatever the number of vesicles
 
 
 class Surroundings(eqx.Module):
-    """Fields at P points; NaN where `valid` is False, `None` where there is no field.
+    """Fields at P points; `None` where there is no electric field.
 
-    `potential` in units of a|E_∞|, `electric_field` in |E_∞|, `velocity` in a/t_κ; `inside` is the number
-    of the vesicle that encloses the point, -1 in the outer fluid, and holds at every point.
+    `velocity` in a/t_κ, `pressure` in κ_B/a³ (zero far away), `potential` in a|E_∞|, `electric_field` in |E_∞|;
+    `inside` is the number of the vesicle that encloses the point, -1 in the outer fluid. Round-off decides for points
+    on a membrane, and the other fields are those of the side that it chose.
     """
 
     velocity: Points
+    pressure: Float[Array, "P"]
     potential: Float[Array, "P"] | None
     electric_field: Points | None
     inside: Int[Array, "P"]
-    valid: Bool[Array, "P"]
 
 
-class _Sources(eqx.Module):
-    """Membranes and their densities, on the finer nodes."""
+class _Membrane(eqx.Module):
+    """One membrane, or with a leading axis all of them, and its densities."""
 
-    curves: Curve
-    f_hd: VesiclePoints
-    q: VesicleNodes | None
-    V_m: VesicleNodes | None
-
-    @classmethod
-    def of(cls, x: VesiclePoints, f_hd, q, V_m, upsample: int) -> "_Sources":
-        def finer(density):
-            return None if density is None else fourier.resample(density, upsample * x.shape[1], axis=1)
-
-        return cls(jax.vmap(Curve.from_nodes)(finer(x)), finer(f_hd), finer(q), finer(V_m))
+    curve: Curve
+    f_hd: Float[Array, "*batch N 2"]
+    q: Float[Array, "*batch N"] | None
+    V_m: Float[Array, "*batch N"] | None
 
 
-def around(equation: Equation, t: ScalarLike, y: Unknowns, points: Points, *, upsample: int = 4) -> Surroundings:
+def around(equation: Equation, t: ScalarLike, y: Unknowns, points: Points) -> Surroundings:
     """What the fluid does and which field there is at `points`, with state `y` at time `t`.
 
-    `upsample` (static): source nodes per node of the run; the strip without values is 5/`upsample` of the
-    run's node spacings wide. Differentiable in everything but `inside` and `valid`.
+    Differentiable, forward and reverse, in everything but `inside`.
     """
     scene = equation.scene
     t = as_float(t)
     motion = equation.motion(t, y)
     q = None if scene.field is None else scene.field.contrast()[:, None] * motion.w
-    sources = _Sources.of(y.x, motion.f_hd, q, y.V_m, upsample)
-    # Any point off the membranes will do in place of those without a value: 0/0 has no derivative.
-    elsewhere = 1.0 + 2.0 * jnp.max(jnp.abs(sources.curves.x))
+    membranes = _Membrane(motion.surfaces.curves, motion.f_hd, q, y.V_m)
 
-    def at(point):
-        inside, valid = _place(sources.curves, point)
-        target = jnp.where(valid, point, elsewhere)[None]
-        velocity = far.stokes_slp(sources.curves, sources.f_hd, target)[0]
-        potential = electric_field = None
-        if scene.field is not None:
-            potential, electric_field = _electric(sources, scene.field.E_inf(t), target)
-        fields = jax.tree.map(lambda f: jnp.where(valid, f, jnp.nan), (velocity, potential, electric_field))
-        return *fields, inside, valid
+    M, P = y.x.shape[0], points.shape[0]
+    is_near, enclosed = jax.lax.map(lambda point: _place(membranes.curve, point), points, batch_size=_CHUNK)
+    order = jnp.argsort(jnp.where(jnp.any(is_near, axis=1), jnp.argmax(is_near, axis=1), M))
+    size = min(_CHUNK, P)
+    chunks = jnp.pad(order, (0, -P % size), mode="edge").reshape(-1, size)
 
-    velocity, *rest = jax.lax.map(at, points, batch_size=_CHUNK)
+    def of_chunk(some):
+        return _disturbance(membranes, points[some], is_near[some], enclosed[some])
+
+    place = jnp.argsort(order)
+    sums, enclosed = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[place], jax.lax.map(of_chunk, chunks))
+    velocity, pressure, *electric = sums
     if scene.flow is not None:
         velocity = velocity + scene.flow.velocity(points[None], t)[0]
-    return Surroundings(velocity, *rest)
+    potential = electric_field = None
+    if scene.field is not None:
+        E_inf = scene.field.E_inf(t)
+        potential, electric_field = electric[0] - points @ E_inf, E_inf - electric[1]
+    inside = jnp.where(jnp.any(enclosed, axis=1), jnp.argmax(enclosed, axis=1), -1)
+    return Surroundings(velocity, pressure, potential, electric_field, inside)
 
 
-def _electric(sources: _Sources, E_inf: Float[Array, "2"], target: Float[Array, "1 2"]):
-    curves, q, V_m = sources.curves, sources.q, sources.V_m
-    potential = far.laplace_slp(curves, q, target) - far.laplace_dlp(curves, V_m, target)
-    gradient = far.laplace_slp_gradient(curves, q, target) - far.laplace_dlp_gradient(curves, V_m, target)
-    return potential[0] - target[0] @ E_inf, E_inf - gradient[0]
+def _place(curves: Curve, point: Float[Array, "2"]) -> tuple[Bool[Array, "M"], Bool[Array, "M"]]:
+    """Which membranes `point` is near, and which polygons of nodes enclose it: farther off, the membranes do as well.
 
-
-def _place(curves: Curve, point: Float[Array, "2"]) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-    """Number of the vesicle around `point`, or -1, and whether the trapezoidal rule holds there.
-
-    Inside by the winding number of the polygon of nodes, counted in crossings of the ray to the right: unlike
-    D[1] it is exact at any distance that the polygon resolves.
+    By the winding number, counted in crossings of the ray to the right.
     """
     start = jax.lax.stop_gradient(far.separations(curves, point[None])[0])
     end = jnp.roll(start, -1, axis=1)
@@ -102,6 +95,55 @@ def _place(curves: Curve, point: Float[Array, "2"]) -> tuple[Int[Array, ""], Boo
     up = (start[..., 1] >= 0) & (end[..., 1] < 0) & (cross > 0)
     down = (start[..., 1] < 0) & (end[..., 1] >= 0) & (cross < 0)
     enclosed = jnp.sum(up, axis=1) > jnp.sum(down, axis=1)
-    inside = jnp.where(jnp.any(enclosed), jnp.argmax(enclosed), -1)
-    spacing = jax.vmap(lambda curve: curve.weights)(curves)
-    return inside, jnp.all(jnp.sum(start**2, axis=-1) >= (_STRIP * spacing) ** 2)
+    strip = _STRIP * jnp.max(jax.vmap(lambda curve: curve.weights)(curves), axis=1)
+    return jnp.min(jnp.sum(start**2, axis=-1), axis=1) < strip**2, enclosed
+
+
+def _disturbance(membranes: _Membrane, targets: Points, is_near: Bool[Array, "P M"], enclosed: Bool[Array, "P M"]):
+    """The sums over all membranes of their fields, as in `_closely`, and which membranes enclose the targets."""
+
+    def of_one(args):
+        membrane, is_near, enclosed = args
+        return jax.lax.cond(
+            jnp.any(is_near),
+            lambda: _closely(membrane, targets),
+            # None is near when this counts; when it does not, under `vmap`, 0/0 must not enter the derivative.
+            lambda: (_widely(membrane, jnp.where(is_near[:, None], _elsewhere(membrane), targets)), enclosed),
+        )
+
+    fields, enclosed = jax.lax.map(of_one, (membranes, is_near.T, enclosed.T))
+    return jax.tree.map(lambda field: jnp.sum(field, axis=0), fields), enclosed.T
+
+
+def _elsewhere(membrane: _Membrane) -> Float[Array, "2"]:
+    return 1.0 + 2.0 * jnp.max(jnp.abs(membrane.curve.x), axis=0)
+
+
+def _closely(membrane: _Membrane, targets: Points):
+    """Velocity, pressure and, with a field, S q - D V_m and its gradient of one membrane; which targets it encloses."""
+    close = CloseGeometry.of(membrane.curve, targets)
+    q, V_m = membrane.q, membrane.V_m
+    fields = near_stokes.stokes_slp(close, membrane.f_hd), near_stokes.stokes_slp_pressure(close, membrane.f_hd)
+    if q is not None:
+        potential = near.laplace_slp(close, q) - near.laplace_dlp(close, V_m)
+        gradient = near.laplace_slp_gradient(close, q) - near.laplace_dlp_gradient(close, V_m)
+        fields = *fields, potential, gradient
+    return fields, close.inside
+
+
+def _widely(membrane: _Membrane, targets: Points):
+    """The same fields by the trapezoidal rule."""
+    K = _UPSAMPLE * membrane.curve.x.shape[0]
+
+    def finer(density):
+        return fourier.resample(density, K, axis=0)[None]
+
+    curves = jax.vmap(Curve.from_nodes)(finer(membrane.curve.x))
+    f_hd = finer(membrane.f_hd)
+    fields = far.stokes_slp(curves, f_hd, targets), far.stokes_slp_pressure(curves, f_hd, targets)
+    if membrane.q is not None:
+        q, V_m = finer(membrane.q), finer(membrane.V_m)
+        potential = far.laplace_slp(curves, q, targets) - far.laplace_dlp(curves, V_m, targets)
+        gradient = far.laplace_slp_gradient(curves, q, targets) - far.laplace_dlp_gradient(curves, V_m, targets)
+        fields = *fields, potential, gradient
+    return fields

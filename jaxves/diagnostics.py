@@ -8,6 +8,10 @@ In a field Σ is not symmetric: the field exerts a torque. Energy balance at eve
 
     dE_b/dt = power of the flow + power of the field - dissipation,     E_b = ½ ∮ κ_B κ² ds
     dissipation = ∮ f_hd · S[f_hd] ds,  flow = -∮ f_hd · v_∞ ds,  field = -∮ f_el · dx/dt ds
+
+The film between two membranes drains as their tension lets it, and what nodes miss of the tension weighs the more
+the thinner the film: the relative error of its rate of drainage is about τ/(2d)² where the gap d is below the node
+spacing, τ the top of the spectrum of the tension over its largest mode (`experiments/film.py` has the measurement).
 """
 
 from typing import NamedTuple
@@ -49,12 +53,17 @@ QUANTITIES = {
     "tension_tail": Quantity("1", "top of the spectrum of the tension over its largest mode", _EACH),
     "metric_error": Quantity("1", "largest relative deviation of the node spacing", _EACH),
     "self_gap": Quantity("a", "narrowest chord between parts twice as far apart along the membrane", _EACH),
+    "neighbor_distance": Quantity("a", "distance of the centre to the nearest other, of more than two vesicles", _EACH),
     "dipole": Quantity("eps E_inf a^2", "∮ (q x - V_m n) ds about the centroid", (*_EACH, "xy")),
+    "dipole_angle": Quantity("rad", "angle of the dipole from x, in (-π, π]", _EACH),
     "charge": Quantity("E_inf a", "∮ q ds", _EACH),
     "max_V_m": Quantity("E_inf a", "largest |V_m|, which electroporation depends on", _EACH),
     "torque": Quantity("kappa_B/a", "electric torque about the centroid", _EACH),
     "traction_ratio": Quantity("1", "∮ |f_el·t| ds / ∮ |f_el·n| ds", _EACH),
     "min_gap": Quantity("a", "least distance between two membranes", _RUN),
+    "film_error": Quantity("1", "estimated relative error of the drainage of the thinnest film", _RUN),
+    "separation": Quantity("a", "distance of the centres of two vesicles", _RUN),
+    "line_angle": Quantity("rad", "angle from x of the line of two centres, second to first, in (-π, π]", _RUN),
     "stress": Quantity("kappa_B/a^3", "particle stress -(1/A) Σ ∮ f_hd ⊗ x ds", (*_RUN, "xy", "ab")),
     "effective_viscosity": Quantity("1", "intrinsic viscosity [μ] of the dilute suspension", _RUN),
     "power_flow": Quantity("kappa_B/(a t_kappa)", "power of the imposed flow", _RUN),
@@ -146,9 +155,22 @@ def gap(first: Curve, second: Curve) -> Array:
     return jnp.sqrt(jnp.where(found < nodes, found, nodes))
 
 
-def _of_many(curves: Curve) -> dict[str, Array]:
+def _angle(vector: Array) -> Array:
+    """From x, in (-π, π]; 0, with derivative 0, for no vector."""
+    nothing = jnp.all(vector == 0)
+    return jnp.arctan2(jnp.where(nothing, 0.0, vector[1]), jnp.where(nothing, 1.0, vector[0]))
+
+
+def _of_many(curves: Curve, center: Array, tension_tail: Array) -> dict[str, Array]:
     target, source = pair_frames(curves)
-    return {"min_gap": jnp.min(jax.vmap(gap)(target, source))}
+    least = jnp.min(jax.vmap(gap)(target, source))
+    out = {"min_gap": least, "film_error": jnp.max(tension_tail) / (2 * least) ** 2}
+    if center.shape[0] == 2:
+        line = center[0] - center[1]
+        return out | {"separation": jnp.hypot(line[0], line[1]), "line_angle": _angle(line)}
+    apart2 = jnp.sum((center[:, None] - center[None]) ** 2, axis=-1)
+    itself = jnp.eye(center.shape[0], dtype=bool)
+    return out | {"neighbor_distance": jnp.sqrt(jnp.min(jnp.where(itself, jnp.inf, apart2), axis=1))}
 
 
 def powers(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:
@@ -199,8 +221,10 @@ def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
     weights = curve.weights
     tangential = jnp.abs(jnp.sum(f_el * curve.tangent, axis=-1))
     normal = jnp.abs(jnp.sum(f_el * curve.normal, axis=-1))
+    dipole = jnp.sum((q[:, None] * arm - V_m[:, None] * curve.normal) * weights[:, None], axis=0)
     return {
-        "dipole": jnp.sum((q[:, None] * arm - V_m[:, None] * curve.normal) * weights[:, None], axis=0),
+        "dipole": dipole,
+        "dipole_angle": _angle(dipole),
         "charge": jnp.sum(q * weights),
         "max_V_m": jnp.max(jnp.abs(V_m)),
         "torque": jnp.sum(weights * (arm[:, 0] * f_el[:, 1] - arm[:, 1] * f_el[:, 0])),
@@ -231,7 +255,7 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
     if scene.flow is not None:
         out["effective_viscosity"] = scene.flow.effective_viscosity(out["stress"])
     if y.x.shape[0] > 1:
-        out |= _of_many(curves)
+        out |= _of_many(curves, out["center"], out["tension_tail"])
     out |= powers(equation, t, y, motion)
     out["residual"] = motion.residual
     return out

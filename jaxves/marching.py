@@ -250,9 +250,13 @@ def observe(equation: Equation, t: Scalar, y: Unknowns, angle: PerVesicle) -> di
 
 
 class Checks(eqx.Module):
-    """Limits beyond which a result is no result. `steady`: the speed below which a run may end."""
+    """Limits beyond which a result is no result. `steady`: the speed below which a run may end.
+
+    `film`: of the estimated relative error of the drainage of a film thinner than the node spacing.
+    """
 
     tail: float = eqx.field(static=True, default=3e-3)
+    film: float = eqx.field(static=True, default=0.1)
     drift: float = eqx.field(static=True, default=1e-2)
     steady: Scalar | None = None
 
@@ -272,7 +276,11 @@ class Checks(eqx.Module):
         crossed = jnp.any(jax.vmap(lambda x: diagnostics.crosses_itself(Curve.from_nodes(x)))(y.x))
         code = jnp.where(crossed, status.SELF_CONTACT, code)
         if y.x.shape[0] > 1:
-            collided = diagnostics.collides(jax.vmap(Curve.from_nodes)(y.x))
+            curves = jax.vmap(Curve.from_nodes)(y.x)
+            thin = row["diagnostics/min_gap"] < jnp.max(jax.vmap(lambda curve: curve.weights)(curves))
+            unresolved = thin & (row["diagnostics/film_error"] > self.film)
+            code = jnp.where((code < status.UNRESOLVED) & unresolved, status.UNRESOLVED, code)
+            collided = diagnostics.collides(curves)
             code = jnp.where(collided, status.COLLISION, code)
         finite = jnp.isfinite(_max_norm((row["x"], row["tension"])))
         return jnp.where(finite, code, status.NOT_FINITE)

@@ -150,8 +150,7 @@ def _lines(equation, t, y, color, *, window=None, resolution=160, density=1.3) -
     points = np.stack(np.meshgrid(across, upward), axis=-1)
     found, tension = _evaluate(equation, jnp.asarray(t, dtype=float), y, jnp.asarray(points.reshape(-1, 2)))
     vectors = found.velocity if color == "tension" else found.electric_field
-    # No line where there is no value: NaN marks the strip about the membranes.
-    u, v = np.ma.masked_invalid(np.moveaxis(np.asarray(vectors).reshape(points.shape), -1, 0))
+    u, v = np.moveaxis(np.asarray(vectors).reshape(points.shape), -1, 0)
 
     figure = Figure(figsize=(COLUMN, (COLUMN - 1.0) * _aspect(window) + 0.6))
     ax = figure.add_subplot()
@@ -167,7 +166,7 @@ def _lines(equation, t, y, color, *, window=None, resolution=160, density=1.3) -
 def _evaluate(equation, t, y, points):
     motion = equation.motion(t, y)
     tension = jax.vmap(membrane.physical_tension)(motion.surfaces.curves, motion.sigma, equation.scene.bending)
-    return around(equation, t, y, points, upsample=16), tension
+    return around(equation, t, y, points), tension
 
 
 @rc_context(STYLE)

@@ -3,6 +3,7 @@
 Nothing here imports JAX.
 """
 
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
-from . import phases, status
+from . import pairphases, phases, status
 from .store import Record
 
 _SHOWN = (
@@ -21,7 +22,10 @@ _SHOWN = (
     "tension_min",
     "tension_max",
     "bending_energy",
+    "separation",
+    "line_angle",
     "min_gap",
+    "film_error",
     "effective_viscosity",
 )
 
@@ -40,10 +44,20 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     if "deformation_along_field" in record.diagnostics:
         codes = phases.classify(record.diagnostics["deformation_along_field"])
         yield "class: " + ", ".join(phases.NAMES[code] for code in codes)
+    if "line_angle" in record.diagnostics and "dipole" in record.diagnostics:
+        yield f"pair: {pair_class(record)}"
     yield _quantities(record)
     yield "quality: " + ", ".join(f"{name} {value:.1e}" for name, value in quality(record).items())
     for name, value in (record.averages or {}).items():
         yield f"average {name}: {value.tolist()}"
+
+
+def pair_class(record: Record) -> str:
+    """How two vesicles in a field moved about each other."""
+    x, y = tomllib.loads(record.scene)["field"]["direction"]
+    found = record.diagnostics
+    history = (found[name] for name in ("line_angle", "separation", "min_gap"))
+    return pairphases.classify(record.t, *history, float(np.arctan2(y, x)))
 
 
 def quality(record: Record) -> dict[str, float]:

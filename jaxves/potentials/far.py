@@ -2,7 +2,7 @@ r"""Layer potentials of all membranes at points away from them, by the trapezoid
 
     S[q](x) = ∮ G(x-y) q(y) ds_y                  ∇S[q] = ∮ ∇_x G q ds
     D[V](x) = ∮ ∂G(x-y)/∂n_y V(y) ds_y            ∂G/∂n_y = r·n/(2π|r|²),   D[1] = -1 inside, 0 outside
-    S[f]_a(x) = ∮ G_ab(x-y) f_b(y) ds_y           Stokes, viscosity 1
+    S[f]_a(x) = ∮ G_ab(x-y) f_b(y) ds_y           Stokes, viscosity 1; its pressure p[f] = ∮ r·f ds / 2π|r|²
 
 `curves` are M membranes at once (leaves (M, N, ...)), densities (M, N) or (M, N, 2), targets (P, 2); the
 result is the sum over membranes. The error is about exp(-2πd/h) at a distance of d node spacings h, so
@@ -70,3 +70,9 @@ def stokes_slp(curves: Curve, f: VesiclePoints, targets: Points) -> Points:
     """Velocity S[f]."""
     kernel = kernels.stokeslet(separations(curves, targets))
     return jnp.einsum("pmnab,mnb->pa", kernel, f * _weights(curves)[..., None])
+
+
+def stokes_slp_pressure(curves: Curve, f: VesiclePoints, targets: Points) -> Float[Array, "P"]:
+    """Pressure of S[f]."""
+    kernel = kernels.stokeslet_pressure(separations(curves, targets))
+    return jnp.einsum("pmna,mna->p", kernel, f * _weights(curves)[..., None])

@@ -1,0 +1,106 @@
+"""What is reported of pairs: where they are to each other, and whether the film between them is resolved."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxves import diagnostics, fourier, marching, shapes, status
+from jaxves.equation import Unknowns, equation_for
+from jaxves.scene import dc_field, make_scene
+
+DIRECTION = np.array([0.6, 0.8])
+
+
+@functools.cache
+def _diagnosing(N, M):
+    @jax.jit
+    def diagnose(x, V_m):
+        field = dc_field(3.2, conductivity_ratio=0.1, vesicles=M, direction=DIRECTION)
+        equation = equation_for(make_scene(list(x), field=field))
+        y = Unknowns(x, V_m)
+        row = {f"diagnostics/{name}": value for name, value in _found(equation, y).items()}
+        checks = marching.Checks(tail=np.inf)
+        zero = jnp.zeros(())
+        return row, checks.judge(equation, zero, y, row | {"x": x, "tension": x[..., 0]})
+
+    def _found(equation, y):
+        motion = equation.motion(jnp.zeros(()), y)
+        found = diagnostics.diagnose(equation, jnp.zeros(()), y, motion)
+        _, rate = jax.jvp(lambda x: _gap(x), (y.x,), (motion.velocity,))
+        return found | {"gap_rate": rate}
+
+    def _gap(x):
+        return diagnostics.gap(*(diagnostics.Curve.from_nodes(x) for x in x))
+
+    def call(x, V_m):
+        row, code = diagnose(x, V_m)
+        return {name.removeprefix("diagnostics/"): np.asarray(value) for name, value in row.items()}, int(code)
+
+    return call
+
+
+def placed(N, centers, V=0.5):
+    """Ellipses along the field with V_m = V E_∞·(x - center)."""
+    e = jax.jit(lambda: shapes.ellipse(64, 0.9, angle=np.arctan2(*DIRECTION[::-1])))()
+    e = fourier.resample(e, N, axis=0)
+    x = jnp.stack([e + jnp.asarray(center) for center in centers])
+    return x, V * jnp.stack([e @ DIRECTION] * len(centers))
+
+
+def test_separation_and_the_angle_of_the_line_of_centres():
+    """From the second vesicle to the first; numbering them the other way turns it by half a turn."""
+    centers = np.array([[-1.5, 0.3], [1.1, -0.9]])
+    x, V_m = placed(64, centers)
+    found, _ = _diagnosing(64, 2)(x, V_m)
+    other, _ = _diagnosing(64, 2)(x[::-1], V_m[::-1])
+    dx, dy = centers[0] - centers[1]
+    np.testing.assert_allclose(found["separation"], np.hypot(dx, dy), rtol=1e-12)
+    np.testing.assert_allclose(found["line_angle"], np.arctan2(dy, dx), rtol=1e-12)
+    np.testing.assert_allclose(found["line_angle"] - other["line_angle"], np.pi, rtol=1e-12)
+    assert "neighbor_distance" not in found
+
+
+def test_three_vesicles_know_their_nearest_neighbours():
+    x, V_m = placed(64, [[0.0, 0.0], [2.5, 0.0], [0.0, 4.0]])
+    found, _ = _diagnosing(64, 3)(x, V_m)
+    np.testing.assert_allclose(found["neighbor_distance"], [2.5, 2.5, 4.0], rtol=1e-12)
+    assert "separation" not in found
+
+
+def test_the_dipole_of_a_poor_conductor_points_against_the_field():
+    """And of a good one along it; none, as of a circle of Λ = 1 without V_m, has the angle 0 and a derivative."""
+
+    def angle(Lambda, direction=DIRECTION):
+        x = shapes.circle(32)
+        equation = equation_for(make_scene(x, field=dc_field(1.0, conductivity_ratio=Lambda, direction=direction)))
+        y = Unknowns(x[None], jnp.zeros((1, 32)))
+        motion = equation.motion(jnp.zeros(()), y)
+        return diagnostics.diagnose(equation, jnp.zeros(()), y, motion)["dipole_angle"][0]
+
+    along = np.arctan2(*DIRECTION[::-1])
+    found = jax.jit(jax.vmap(angle))(jnp.array([0.1, 10.0]))
+    np.testing.assert_allclose(found, [along - np.pi, along], atol=1e-12)
+    value, slope = jax.jit(jax.value_and_grad(angle))(1.0)
+    assert value == 0 and np.isfinite(slope)
+
+
+@pytest.mark.parametrize("gap", [0.05, 0.1])
+def test_the_film_error_tells_how_wrong_the_drainage_is(gap):
+    """To an order of magnitude either way, of two ellipses in a row along the field, tip to tip."""
+    tip = 2 * 1.2577 + gap  # to be adjusted to the gap asked for
+    centers = np.array([[0.0, 0.0], tip * DIRECTION])
+    x, _ = placed(64, centers)
+    first, second = (jax.vmap(diagnostics.Curve.from_nodes)(x[m][None]) for m in (0, 1))
+    now = jax.jit(jax.vmap(diagnostics.gap))(first, second)[0]
+    centers[1] += (gap - now) * DIRECTION
+    exact, resolved = _diagnosing(160, 2)(*placed(160, centers))
+    np.testing.assert_allclose(exact["min_gap"], gap, rtol=1e-3)
+    assert resolved == status.RUNNING
+    for N in (48, 64):
+        found, code = _diagnosing(N, 2)(*placed(N, centers))
+        error = abs(found["gap_rate"] / exact["gap_rate"] - 1)
+        assert 0.1 < found["film_error"] / error < 10
+        assert (code == status.UNRESOLVED) == (found["film_error"] > 0.1)
