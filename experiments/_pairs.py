@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments import _common
-from jaxves import shapes, status
+from jaxves import pairphases, shapes, status
 from jaxves.marching import AbstractMarch, Adaptive, Checks
 from jaxves.scene import Scene, dc_field, make_scene
 
@@ -15,6 +15,7 @@ _KEPT = (
     "tank_treading_speed",
     "traction_ratio",
     "deformation",
+    "self_gap",
     "inclination",
     "spectral_tail",
     "tension_tail",
@@ -30,6 +31,41 @@ def scene(
     direction = np.array([np.cos(np.deg2rad(offset)), np.sin(np.deg2rad(offset))])
     field = dc_field(beta, conductivity_ratio=conductivity_ratio, membrane_conductance=membrane_conductance, vesicles=2)
     return make_scene([e, e], centers=0.5 * separation * np.array([direction, -direction]), field=field)
+
+
+def resolved(nodes, film: float, t_end: float, saves: int, *, turned: float = 270.0, **parameters) -> dict:
+    """The history of a pair with the first of `nodes` whose nodes resolve its film down to `film`, and its class.
+
+    Ends early once the class is known: the gap is below `film`, or the line of centres has turned by `turned` degrees.
+    """
+    for N in nodes:
+        found = history(scene(N=N, **parameters), t_end, saves, thinnest=film, turned=turned)
+        if found["word"] != "unresolved":
+            break
+    return found | {"N": N, "class": classified(found), "turns": float(np.sign(found["angle"][-1] - found["angle"][0]))}
+
+
+def classified(found: dict) -> str:
+    """The class of a history from `history`."""
+    return pairphases.classify(
+        found["t"], np.deg2rad(found["angle"]), found["separation"], found["min_gap"], float(FIELD)
+    )
+
+
+def summary(found: dict) -> str:
+    """One line."""
+    t, angle, gap = found["t"], found["angle"], found["min_gap"]
+    tails = found["spectral_tail"].max(), found["tension_tail"].max()
+    return (
+        f"{found['class']:11} {found['word']:10} N = {found['N']:3d}, {found['steps']:4d} steps, t = {t[-1]:5.2f}; "
+        f"angle {angle.min():6.0f} … {angle.max():4.0f}, last {angle[-1]:6.1f}; "
+        f"gap {gap.min():.4f}, last {gap[-1]:.4f}; tails {tails[0]:.0e} {tails[1]:.0e}"
+    )
+
+
+def stored(found: dict) -> dict:
+    """What of a history is worth storing: everything but the nodes."""
+    return {name: value for name, value in found.items() if name not in ("x", "V_m", "tension", "center")}
 
 
 def history(

@@ -1,57 +1,87 @@
-"""Do two vesicles chain, oscillate or circulate as the conductivity ratio rises?
+"""Do two vesicles chain, oscillate or circulate as Λ and G vary, and which way do they turn?
 
-    python -m experiments.pairs          # a few minutes: table, figures/pairs.png, data/pairs.json
+    python -m experiments.pairs          # most of an hour: table, two figures, data/pairs.json
 
-Δ = 0.9, β = 3.2, G = 0, Ca = 0, as in the paper; centres 2.6 a apart, 20° from the horizontal.
+Δ = 0.9, β = 3.2, Ca = 0, as in the paper; centres 2.6 a apart, 20° from the horizontal; `jaxves.pairphases` has the
+classes. A run ends when its class is known: at a film of 0.03 a or after three quarters of a turn. Where 64 nodes do
+not resolve the film, 96 and 128 follow.
 
-What to expect: at small Λ the line of centres swings to the field (90°) and stays, with a film that keeps draining;
-in between it passes 90° and comes back; at Λ = 0.5 it turns on and on; beyond Λ = 1 it turns the other way.
+What to expect: without conductance (G = 0) a chain along the field at small Λ, at Λ = 0.3 swings that do not die away,
+from Λ = 0.5 on circulation, counter-clockwise up to Λ = 1 and clockwise beyond. A conducting membrane is charged no
+more: the traction is all but normal, nothing treads, and all pairs turn to the field and chain, the slower the nearer
+Λ is to 1. Aligned pairs attract, pairs side by side repel each other.
 """
 
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments import _common
-from jaxves import shapes, status
-from jaxves.marching import Adaptive
-from jaxves.scene import dc_field, make_scene
+from experiments import _common, _pairs
+from jaxves import plot
 
-QUICK = dict(ratios=(0.1,), t_end=0.1, saves=2, N=32, tolerance=1e-3)
+RATIOS = (0.1, 0.3, 0.5, 1.0, 2.0, 5.0)
+CONDUCTANCES = (0.0, 0.1, 1.0, 10.0)
+FILM = 0.03
+COLORS = {"chain": "C0", "oscillation": "C4", "circulation": "C1", "repulsion": "C3", "open": "0.6"}
+QUICK = dict(ratios=(2.0,), conductances=(0.0,), nodes=(32,), ends={0.0: (0.2, 4)}, special=())
 
 
-def run(ratios=(0.1, 0.2, 0.3, 0.5, 0.8, 2.0), t_end=10.0, saves=100, N=64, tolerance=1e-4):
-    """For each Λ: word, times, angle of the line of centres (degrees, followed in time), gap, separation."""
-    e = shapes.ellipse(N, 0.9, angle=jnp.pi / 2)
-    half = 1.3 * np.array([np.cos(np.deg2rad(20)), np.sin(np.deg2rad(20))])
+def run(
+    ratios=RATIOS,
+    conductances=CONDUCTANCES,
+    nodes=(64, 96, 128),
+    ends={0.0: (8.0, 80), 0.1: (12.0, 120), 1.0: (100.0, 200), 10.0: (100.0, 200)},  # noqa: B006
+    special=(("aligned", 90.0, 3.2), ("side by side", 0.0, 2.0)),
+):
+    """{(Λ, G): history with class}, and those of two vesicles aligned and side by side (Λ = 0.5, G = 0)."""
     found = {}
-    for ratio in ratios:
-        field = dc_field(3.2, conductivity_ratio=ratio, vesicles=2)
-        setting = make_scene([e, e], centers=[half, -half], field=field)
-        state, rows, _ = _common.march(setting, Adaptive(tolerance), t_end * np.arange(1, saves + 1) / saves)
-        known = ~np.isnan(rows["t"])
-        line = rows["diagnostics/center"][known, 0] - rows["diagnostics/center"][known, 1]
-        found[ratio] = {
-            "word": status.WORDS[max(int(state.status), status.COMPLETE)],
-            "steps": int(state.steps),
-            "t": rows["t"][known],
-            "angle": np.rad2deg(np.unwrap(np.arctan2(line[:, 1], line[:, 0]))),
-            "gap": rows["diagnostics/min_gap"][known],
-            "separation": np.hypot(*line.T),
-            "tail": rows["diagnostics/spectral_tail"][known].max(),
-        }
+    for G in conductances:
+        for ratio in ratios:
+            found[ratio, G] = _pairs.resolved(nodes, FILM, *ends[G], conductivity_ratio=ratio, membrane_conductance=G)
+    for name, offset, separation in special:
+        found[name] = _pairs.resolved(
+            nodes, FILM, 1.0, 20, conductivity_ratio=0.5, offset=offset, separation=separation
+        )
     return found
 
 
+def cells(found) -> dict:
+    """Those of the table."""
+    return {key: case for key, case in found.items() if isinstance(key, tuple)}
+
+
+def draw_table(found) -> Figure:
+    """One panel for each (Λ, G): shapes at the end, the way of the centres, the class in its colour."""
+    table = cells(found)
+    ratios, conductances = (sorted({key[axis] for key in table}) for axis in (0, 1))
+    figure = Figure(figsize=(plot.PAGE, 1.25 * len(conductances) + 0.3), layout="constrained")
+    axes = figure.subplots(len(conductances), len(ratios), squeeze=False)
+    for (ratio, G), case in table.items():
+        ax = axes[len(conductances) - 1 - conductances.index(G), ratios.index(ratio)]
+        color = COLORS[case["class"]]
+        for m in (0, 1):
+            ax.plot(*case["center"][:, m].T, color=color, lw=0.6, alpha=0.6)
+        plot.membranes(ax, case["x"][-1]).set(linewidth=1.0)
+        turn = {1.0: "↺ ", -1.0: "↻ "}[case["turns"]] if case["class"] == "circulation" else ""
+        ax.set_title(turn + case["class"], color=color, fontsize=6.5, pad=2)
+        ax.set(xlim=(-3.2, 3.2), ylim=(-3.2, 3.2), xticks=[], yticks=[])
+        ax.spines[:].set_color("0.85")
+    for ax, ratio in zip(axes[-1], ratios, strict=True):
+        ax.set_xlabel(rf"$\Lambda = {ratio:g}$")
+    for ax, G in zip(axes[::-1, 0], conductances, strict=True):
+        ax.set_ylabel(f"$G = {G:g}$")
+    return figure
+
+
 def draw(found) -> Figure:
-    """Angle and gap against time."""
+    """Angle of the line of centres and gap against time, G = 0."""
     figure = Figure(figsize=(6.8, 2.6), layout="constrained")
     turning, draining = figure.subplots(1, 2)
-    for ratio, case in found.items():
-        turning.plot(case["t"], case["angle"], label=rf"$\Lambda$ = {ratio:g}")
-        draining.semilogy(case["t"], case["gap"])
+    for (ratio, G), case in cells(found).items():
+        if G == 0:
+            turning.plot(case["t"], case["angle"], label=rf"$\Lambda$ = {ratio:g}")
+            draining.semilogy(case["t"], case["min_gap"])
     turning.axhline(90, color="0.7", linewidth=0.8, zorder=0)
-    turning.set(xlabel=r"$t/t_\kappa$", ylabel="line of centres (degrees)", ylim=(-400, 700))
+    turning.set(xlabel=r"$t/t_\kappa$", ylabel="line of centres (degrees)")
     draining.set(xlabel=r"$t/t_\kappa$", ylabel="gap $/a$")
     turning.legend(fontsize="x-small")
     return figure
@@ -59,14 +89,13 @@ def draw(found) -> Figure:
 
 def main():
     found = run()
-    for ratio, case in found.items():
-        print(
-            f"Λ = {ratio:4g}: {case['word']} at t = {case['t'][-1]:.2f} after {case['steps']} steps; angle from 20 to "
-            f"{case['angle'].min():.0f} … {case['angle'].max():.0f}, last {case['angle'][-1]:.0f} degrees; "
-            f"gap {case['gap'].min():.4f} … {case['gap'].max():.3f}; tail {case['tail']:.0e}"
-        )
-    _common.store("pairs", {str(ratio): case for ratio, case in found.items()})
+    for key, case in found.items():
+        name = key if isinstance(key, str) else f"Λ = {key[0]:g}, G = {key[1]:g}"
+        treading, ratio = np.abs(case["tank_treading_speed"][-1]).max(), case["traction_ratio"][-1].max()
+        print(f"{name:18} {_pairs.summary(case)}; treading {treading:.1e}, tangential/normal traction {ratio:.2f}")
+    _common.store("pairs", {str(key): _pairs.stored(case) for key, case in found.items()})
     _common.save(_common.styled(draw)(found), "pairs")
+    _common.save(_common.styled(draw_table)(found), "pairs_table")
 
 
 if __name__ == "__main__":
