@@ -60,12 +60,23 @@ _LAYERS = {
     "store": (),
     "problem": (),
     "runner": ("run",),
+    # sweeps: many cases of one scene
+    "sweeptables": (),
+    "sweepfile": (),
+    "outcome": (),
+    "batches": (),
+    "sweepstore": (),
+    "refinement": (),
+    "team": (),
+    "sweeping": ("sweep",),
     "plotstyle": (),
     "plot": (),
+    "sweepplot": (),
     # the command line
     "template": (),
     "conversion": (),
     "summary": (),
+    "sweepsummary": (),
     "cli": (),
 }
 _HOME = {name: module for module, names in _LAYERS.items() for name in names}

@@ -1,4 +1,6 @@
-"""Commands: run, show, plot, scenes, init, units. Exit status 0 done, 2 bad input, 3 broke down, 130 interrupted.
+"""Commands: run, sweep, show, plot, scenes, init, units.
+
+Exit status: 0 done, 2 bad input, 3 broke down, 130 interrupted.
 
 Nothing here computes; modules that import JAX are imported inside the commands that need them, after the input
 has been checked.
@@ -8,6 +10,7 @@ import enum
 import math
 import os
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,10 +20,11 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from . import __version__, status, store
+from . import __version__, status, store, sweepfile, sweepstore, sweepsummary
 from .scenefile import SceneError, SceneFile, builtin_names, load, to_toml
 from .store import Record, StoreError
 from .summary import summary
+from .sweepstore import SweepRecord
 from .template import TEMPLATE
 
 app = typer.Typer(
@@ -136,6 +140,86 @@ def _simulate(scene_file: SceneFile, out: Path, force: bool, resume: bool) -> st
             raise typer.Exit(BROKE_DOWN) from None
 
 
+@app.command()
+def sweep(
+    file: Annotated[Path, typer.Argument(help="A sweep file (TOML): a scene, and which numbers take which values.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The file of results (HDF5).")],
+    force: Force = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where the file of results ends.")] = False,
+    devices: Annotated[int | None, typer.Option("--devices", min=1, help="Default: all cores, or all GPUs.")] = None,
+    batch: Annotated[int | None, typer.Option("--batch", min=1, help="Cases per device and call.")] = None,
+    method: Annotated[str | None, typer.Option("--method", help="map (default on CPU) or vmap (on GPU).")] = None,
+    distributed: Annotated[bool, typer.Option("--distributed", help="One of several, as Slurm says.")] = False,
+    coordinator: Annotated[str | None, typer.Option("--coordinator", help="HOST:PORT of process 0.")] = None,
+    processes: Annotated[int | None, typer.Option("--processes", min=1, help="How many there are.")] = None,
+    process: Annotated[int | None, typer.Option("--process", min=0, help="Which one this is, from 0.")] = None,
+) -> None:
+    """Compute many cases of one scene."""
+    by_hand = (coordinator, processes, process)
+    if any(part is not None for part in by_hand) and None in by_hand:
+        raise _refuse("--coordinator, --processes and --process belong together: give all of them.")
+    try:
+        sweepfile.load(file)
+    except SceneError as error:
+        raise _refuse(error) from None
+    if not resume and (process or 0) == 0 and not distributed:
+        _refuse_existing([out], force, "use --force to replace it or --resume to continue it")
+    _use_all_cores(devices)
+    _keep_compiled()
+    if distributed or coordinator:
+        import jax
+
+        jax.distributed.initialize(coordinator, processes, process)
+    record = _sweep(file, out, force=force, resume=resume, devices=devices, batch=batch, method=method)
+    if record is not None:
+        _summarise(record, out)
+
+
+def _sweep(file: Path, out: Path, **how) -> SweepRecord | None:
+    """The record, on the first of several processes."""
+    from . import sweeping, team
+
+    columns = (
+        TextColumn("{task.completed} of {task.total} {task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    bars = Progress(*columns, console=_err, transient=True, disable=not team.is_first(), speed_estimate_period=600)
+    with bars as bar, _heard_interrupts() as pressed:
+        task = bar.add_task("compiling", total=None, rate="")
+        there = []
+
+        def show(done: int, total: int, text: str) -> None:
+            if pressed:
+                raise KeyboardInterrupt
+            if text != "compiling":
+                there.append((time.monotonic(), done))
+            (began, first), (now, _) = (there[0], there[-1]) if there else ((0, 0), (0, 0))
+            rate = f"{(done - first) / (now - began):.3g}/s" if now > began else ""
+            bar.update(task, completed=done, total=total, description=text, rate=rate)
+
+        try:
+            record = sweeping.sweep(file, out, progress=show, **how)
+        except (SceneError, StoreError) as error:
+            raise _refuse(error) from None
+    if not team.is_first():
+        return None
+    done, before = there[-1][1] if there else 0, there[0][1] if there else 0
+    _out.print(f"{done - before} cases computed now, {before} were there")
+    return record
+
+
+def _use_all_cores(devices: int | None) -> None:
+    """One device for each core: JAX takes the whole machine for one. To be called before JAX starts."""
+    flag = "--xla_force_host_platform_device_count"
+    given = os.environ.get("XLA_FLAGS", "")
+    if flag not in given:
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        os.environ["XLA_FLAGS"] = f"{given} {flag}={devices or cores}".strip()
+
+
 @contextmanager
 def _heard_interrupts() -> Iterator[list]:
     """Remembers Ctrl-C besides raising KeyboardInterrupt, which Python drops in callbacks and finalisers."""
@@ -163,14 +247,15 @@ def _keep_compiled() -> None:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
-def _summarise(record: Record, path: Path) -> None:
-    for part in summary(record, path):
+def _summarise(record: Record | SweepRecord, path: Path) -> None:
+    told = sweepsummary.summary if isinstance(record, SweepRecord) else summary
+    for part in told(record, path):
         _out.print(part, markup=False)
 
 
-def _loaded(path: Path) -> Record:
+def _loaded(path: Path) -> Record | SweepRecord:
     try:
-        return store.load(path)
+        return sweepstore.load(path) if sweepstore.is_sweep(path) else store.load(path)
     except StoreError as error:
         raise _refuse(error) from None
 
@@ -189,13 +274,20 @@ class Picture(enum.StrEnum):
     streamlines = "streamlines"
     field_lines = "field-lines"
     animation = "animation"
+    phases = "phases"
+    map = "map"
+    curves = "curves"
 
 
 @app.command()
 def plot(
     file: Annotated[Path, typer.Argument(help="A result file.")],
     what: Annotated[
-        list[Picture] | None, typer.Option("--what", "-w", help="May be repeated. Default: snapshots and history.")
+        list[Picture] | None,
+        typer.Option("--what", "-w", help="May be repeated. Default: snapshots and history; of a sweep what suits it."),
+    ] = None,
+    quantity: Annotated[
+        str | None, typer.Option("--quantity", "-q", help="Of a sweep: what map and curves show.")
     ] = None,
     at: Annotated[float | None, typer.Option("--at", help="Time of the lines, in t_κ. Default: the end.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Stem of the picture files. Default: FILE's.")] = None,
@@ -203,6 +295,10 @@ def plot(
 ) -> None:
     """Draw a result: FILE-snapshots.png and so on."""
     record = _loaded(file)
+    if isinstance(record, SweepRecord):
+        return _plot_sweep(record, file, what, quantity, out or file.with_suffix(""), force)
+    if unsuited := _SWEPT & set(what or ()):
+        raise _refuse(f"--what = {min(unsuited)}, expected another picture: {file} is not the file of a sweep.")
     if len(record.t) == 0:
         raise _refuse(f"{file} holds no saved time: there is nothing to draw.")
     at = float(record.t[-1]) if at is None else at
@@ -219,6 +315,39 @@ def plot(
     _refuse_existing(list(targets.values()), force)
     for picture, target in targets.items():
         _draw(record, picture, at, target)
+        _out.print(f"drew {target}", markup=False)
+
+
+_SWEPT = {Picture.phases, Picture.map, Picture.curves}
+
+
+def _plot_sweep(
+    record: SweepRecord, file: Path, what: list[Picture] | None, quantity: str | None, stem: Path, force: bool
+) -> None:
+    for picture in what or ():
+        if picture not in _SWEPT:
+            raise _refuse(f"--what = {picture}, expected phases, map or curves: {file} is the file of a sweep.")
+    if what is None:
+        if len(record.coordinates) == 1:
+            what = [Picture.curves]
+        else:
+            what = [Picture.phases] if record.classes is not None and quantity is None else [Picture.map]
+    from . import sweepplot
+
+    names = {picture: f"{quantity}-" if quantity and picture != Picture.phases else "" for picture in what}
+    targets = {picture: stem.with_name(f"{stem.name}-{names[picture]}{picture}.png") for picture in what}
+    _refuse_existing(list(targets.values()), force)
+    draws = {
+        Picture.phases: lambda: sweepplot.phase_diagram(record),
+        Picture.map: lambda: sweepplot.quantity_map(record, quantity),
+        Picture.curves: lambda: sweepplot.curves(record, quantity),
+    }
+    for picture, target in targets.items():
+        try:
+            figure = draws[picture]()
+        except ValueError as error:
+            raise _refuse(error) from None
+        figure.savefig(target)
         _out.print(f"drew {target}", markup=False)
 
 

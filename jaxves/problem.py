@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from . import curve, diagnostics, fourier, marching, status, steppers, store
-from .arrays import NodePoints, VesiclePoints
+from .arrays import NodePoints, Status, VesiclePoints
 from .build import build
 from .equation import Equation, Filter, Unknowns, equation_for
 from .marching import AbstractMarch, Adaptive, Checks, Fixed, State
@@ -61,19 +61,22 @@ def starting_scene(scene_file: SceneFile) -> Scene:
     """The scene as the file describes it; `nodes = "auto"` becomes the fewest that resolve all starting curves."""
     if scene_file.numerics.nodes != "auto":
         return build(scene_file)
-    finest = build(_with_nodes(scene_file, AUTO_NODES[-1]))
+    finest = build(with_nodes(scene_file, AUTO_NODES[-1]))
     for N in AUTO_NODES[:-1]:
-        if _is_resolved(finest.x, N):
-            return build(_with_nodes(scene_file, N))
+        if is_resolved(finest.x, N):
+            return build(with_nodes(scene_file, N))
     return finest
 
 
-def _with_nodes(scene_file: SceneFile, N: int) -> SceneFile:
+def with_nodes(scene_file: SceneFile, N: int) -> SceneFile:
+    """The same scene with this number of nodes."""
     return scene_file.model_copy(update={"numerics": scene_file.numerics.model_copy(update={"nodes": N})})
 
 
 @eqx.filter_jit
-def _is_resolved(x: VesiclePoints, N: int):
+def is_resolved(x: VesiclePoints, N: int):
+    """Whether N nodes resolve these curves, given with more; may be traced."""
+
     def tail(x):
         return fourier.spectral_tail(fourier.resample(x, N, axis=0), Filter.for_nodes(N).x)
 
@@ -81,34 +84,32 @@ def _is_resolved(x: VesiclePoints, N: int):
 
 
 @eqx.filter_jit
-def _relaxing(x: NodePoints) -> marching.Result:
+def at_rest(x: NodePoints) -> tuple[NodePoints, Status]:
+    """A vesicle at equilibrium, without field or flow, in its place and direction; COMPLETE, or what keeps it from it.
+
+    Pure: may be traced.
+    """
+    # The shape at rest depends on neither size nor κ_B: relax it in its own units, and as fast as any other.
+    outline = curve.Curve.from_nodes(x)
+    center, size = curve.centroid(outline), curve.length(outline) / (2 * np.pi)
     # Deviations fall by e^-12 in one t_κ when nearly round, by e^-1.3 at Δ = 0.25.
-    return marching.simulate(Scene(x[None], jnp.ones(1)), 20.0, saves=20, march=Adaptive(1e-7))
+    start = Scene((x[None] - center) / size, jnp.ones(1))
+    result = marching.simulate(start, 20.0, saves=20, march=Adaptive(1e-7))
+    # Its computed velocity is no measure of rest: few nodes leave one that projecting takes back.
+    moving = jnp.max(jnp.abs(result.x[-1] - result.x[-2])) > _REST
+    code = jnp.where((result.status == status.COMPLETE) & moving, status.TOO_MANY_STEPS, result.status)
+    return center + size * result.state.y.x[0], code
 
 
 def relaxed(scene: Scene, which: list[bool]) -> Scene:
-    """The scene with these vesicles at equilibrium, each by itself, without field or flow, in its place and direction.
-
-    Raises NotRelaxed.
-    """
+    """The scene with these vesicles at rest, each by itself; raises NotRelaxed."""
     x = scene.x
     for m in np.flatnonzero(which):
-        # The shape at rest depends on neither size nor κ_B: relax it in its own units, and as fast as any other.
-        center, size = _center_and_size(x[m])
-        result = awaited(_relaxing((x[m] - center) / size))
-        if int(result.status) != status.COMPLETE:
-            raise NotRelaxed(int(m), result.word)
-        # Its computed velocity is no measure of rest: few nodes leave one that projecting takes back.
-        if jnp.max(jnp.abs(result.x[-1] - result.x[-2])) > _REST:
-            raise NotRelaxed(int(m), status.WORDS[status.TOO_MANY_STEPS])
-        x = x.at[m].set(center + size * result.state.y.x[0])
+        rest, code = awaited(at_rest(x[m]))
+        if int(code) != status.COMPLETE:
+            raise NotRelaxed(int(m), status.WORDS[int(code)])
+        x = x.at[m].set(rest)
     return eqx.tree_at(lambda s: s.x, scene, x)
-
-
-@eqx.filter_jit
-def _center_and_size(x: NodePoints):
-    outline = curve.Curve.from_nodes(x)
-    return curve.centroid(outline), curve.length(outline) / (2 * np.pi)
 
 
 def problem_of(scene_file: SceneFile, scene: Scene) -> Problem:

@@ -145,7 +145,7 @@ def test_bad_input_is_answered_without_importing_jax(tmp_path):
 # --- commands that compute nothing --------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", [[], ["run"], ["show"], ["plot"], ["scenes"], ["init"], ["units"]])
+@pytest.mark.parametrize("command", [[], ["run"], ["sweep"], ["show"], ["plot"], ["scenes"], ["init"], ["units"]])
 def test_every_command_has_help(command):
     code, out, err = call(*command, "--help")
     assert code == 0 and err == "" and "Usage: jaxves" in out
@@ -153,7 +153,7 @@ def test_every_command_has_help(command):
 
 def test_without_a_command_there_is_help_and_the_version_is_told():
     code, out, _ = call()
-    assert code == 0 and all(name in out for name in ("run", "show", "plot", "scenes", "init", "units"))
+    assert code == 0 and all(name in out for name in ("run", "sweep", "show", "plot", "scenes", "init", "units"))
     assert call("--version")[:2] == (0, f"{store.version('jaxves')}\n")
 
 

@@ -1,0 +1,147 @@
+"""How many cases a second does a sweep compute, and what do devices, batches and the command line make of it?
+
+    python -m experiments.sweep_throughput           # CPU: two host devices against one, batches, one by one, commands
+    python -m experiments.sweep_throughput --gpu     # what has a GPU: cases per second against the size of a batch
+
+64 cases of POP over β and G, N = 64, to t = 1 with 20 saves. "One by one" is `jaxves.simulate` under `jit`, called
+for one case after the other; the command line is `jaxves run`, once for each case. All but the commands take turns.
+
+What to expect: batches lose nothing against one by one; a second device nearly doubles the rate; a command spends its
+time on starting.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from ._sweeps import swept  # noqa: F401  (before JAX: one device for each core)
+
+import jax  # isort: skip
+import jax.numpy as jnp
+
+from jaxves import marching, problem, scenefile, sweepfile
+from jaxves.batches import Batches
+from jaxves.parameters import scene_of
+
+from ._common import store
+
+NAMES = ("field.beta", "field.membrane_conductance")
+QUICK = dict(cases=4, nodes=32, t_end=0.02, repeats=1, commands=0, batches=(2,), devices=(1,))
+
+
+def setting(nodes, t_end, cases):
+    """The sweep and its values."""
+    scene = scenefile.load("pop").model_copy(update={"t_end": t_end, "saves": 20})
+    scene = problem.with_nodes(scene, nodes)
+    values = np.random.default_rng(0).uniform([1.0, 0.0], [6.0, 1.0], size=(cases, 2))
+    listed = [dict(zip(NAMES, row.tolist(), strict=True)) for row in values]
+    return sweepfile.parse({"scene": scene, "cases": listed}), values
+
+
+def one_by_one(sweep_file, values):
+    """A call that simulates every case by itself."""
+    scene_file = sweep_file.scene
+
+    @jax.jit
+    def alone(row):
+        scene = scene_of(scene_file, dict(zip(NAMES, row, strict=True)))
+        result = marching.simulate(scene, scene_file.t_end, saves=scene_file.saves, march=problem.march_of(scene_file))
+        return result.status, result.diagnostics, result.state
+
+    return lambda: [jax.tree.map(np.asarray, alone(jnp.asarray(row))) for row in values]
+
+
+def in_batches(sweep_file, values, devices, method, batch):
+    """A call that takes them through the program of a sweep."""
+    work = Batches(sweep_file, NAMES, jax.local_devices()[:devices], method, batch)
+    return lambda: list(work.outcomes(sweep_file.max_steps[0], values))
+
+
+def by_commands(sweep_file, values) -> float:
+    """Seconds of one `jaxves run` for each case, compiled programs kept between them; the first is not counted."""
+    seconds = []
+    with tempfile.TemporaryDirectory() as folder:
+        for i, row in enumerate([values[0], *values]):
+            beta, conductance = row
+            field = sweep_file.scene.field.model_copy(update={"beta": beta, "membrane_conductance": conductance})
+            path = Path(folder) / f"{i}.toml"
+            path.write_text(scenefile.to_toml(sweep_file.scene.model_copy(update={"field": field})))
+            start = time.perf_counter()
+            command = [sys.executable, "-m", "jaxves", "run", str(path), "--out", str(path.with_suffix(".h5"))]
+            subprocess.run(command, check=True, capture_output=True, env=os.environ | {"XLA_FLAGS": ""})
+            seconds.append(time.perf_counter() - start)
+    return float(np.median(seconds[1:]))
+
+
+def run(cases=64, nodes=64, t_end=1.0, repeats=3, commands=3, batches=(1, 4, 16), devices=(1, 2), method="map"):
+    """Seconds for a case, by way; how much faster than others."""
+    sweep_file, values = setting(nodes, t_end, cases)
+    calls = {"one by one": one_by_one(sweep_file, values)}
+    for count in devices:
+        for batch in batches:
+            calls[f"{count} × {batch}"] = in_batches(sweep_file, values, count, method, batch)
+    for call in calls.values():
+        call()  # compiles
+    seconds = {name: [] for name in calls}
+    for _ in range(repeats):
+        for name, call in calls.items():
+            start = time.perf_counter()
+            call()
+            seconds[name].append((time.perf_counter() - start) / cases)
+    # The least of a few, as of any time on a machine that others use.
+    found = {name: min(times) for name, times in seconds.items()}
+    if commands:
+        found["command line"] = by_commands(sweep_file, values[:commands])
+    best = {count: min(found[f"{count} × {batch}"] for batch in batches) for count in devices}
+    ratios = {
+        "default batch against one by one": found["one by one"] / found[f"{devices[0]} × {batches[len(batches) // 2]}"],
+        "all devices against one": best[devices[0]] / best[devices[-1]],
+    }
+    if commands:
+        ratios["all devices against the command line"] = found["command line"] / best[devices[-1]]
+    return {"seconds per case": found, "ratios": ratios, "device": str(jax.devices()[0])}
+
+
+def on_gpu(cases=2048, nodes=64, t_end=1.0, batches=(1, 4, 16, 64, 256, 512, 1024, 2048)):
+    """Cases a second on one device by the size of the batch, until memory ends."""
+    sweep_file, values = setting(nodes, t_end, cases)
+    found = {}
+    for batch in batches:
+        few = values[: max(batch, min(cases, 4 * batch))]
+        try:
+            call = in_batches(sweep_file, few, 1, "vmap", batch)
+        except sweepfile.SceneError as error:
+            found[batch] = str(error)
+            break
+        call()
+        start = time.perf_counter()
+        call()
+        found[batch] = len(few) / (time.perf_counter() - start)
+    return {"cases per second": found, "device": str(jax.devices()[0])}
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Throughput of sweeps.")
+    parser.add_argument("--gpu", action="store_true", help="cases per second against the size of a batch, by vmap")
+    if parser.parse_args().gpu:
+        found = on_gpu()
+        for batch, rate in found["cases per second"].items():
+            print(batch, rate if isinstance(rate, str) else f"{rate:.3g} cases/s")
+        store("sweep_throughput_gpu", found)
+        return
+    found = run()
+    for name, seconds in found["seconds per case"].items():
+        print(f"{name:14} {seconds:.4f} s a case, {1 / seconds:.2f} cases/s")
+    for name, ratio in found["ratios"].items():
+        print(f"{name}: {ratio:.2f}")
+    store("sweep_throughput", found)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""What becomes of one scene, as a pure function: its end, and what a sweep keeps of it.
+
+The same march as that of a run, from saved time to saved time, but all of it inside compiled code, and reduced
+on the way: the last values of all diagnostics, their averages, and the extremes of some.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array
+
+from . import diagnostics, marching, phases, problem, status
+from .arrays import as_float
+from .equation import equation_for
+from .marching import AbstractMarch, Checks, State
+from .scene import Scene
+from .scenetables import SceneFile
+
+# Whose least and greatest values over all saved times say more than the last ones.
+EXTREMES = (
+    "deformation",
+    "deformation_along_field",
+    "inclination_unwrapped",
+    "tank_treading_speed",
+    "bending_energy",
+    "max_V_m",
+    "tension_min",
+    "tension_max",
+    "spectral_tail",
+    "self_gap",
+    "min_gap",
+    "effective_viscosity",
+)
+_CLASSIFIED = "deformation_along_field"
+
+
+class _Seen(eqx.Module):
+    """What is known after some saved times; NaN before the first."""
+
+    final: dict[str, Array]
+    least: dict[str, Array]
+    greatest: dict[str, Array]
+    deformation: Array | None  # along the field at all saved times, (T, M)
+
+    def with_row(self, k: Array, row: dict[str, Array], there: Array) -> "_Seen":
+        """Also the row of saved time number k, if it is there."""
+        found = {name.removeprefix("diagnostics/"): value for name, value in row.items() if "/" in name}
+        return _Seen(
+            {name: jnp.where(there, found[name], old) for name, old in self.final.items()},
+            {name: jnp.fmin(old, found[name]) for name, old in self.least.items()},
+            {name: jnp.fmax(old, found[name]) for name, old in self.greatest.items()},
+            None if self.deformation is None else self.deformation.at[k].set(found[_CLASSIFIED]),
+        )
+
+    def has_class(self, wanted: str) -> Array:
+        """Whether all vesicles have become of this class, which the start alone was not; as `phases.reached`."""
+        code = phases.NAMES.index(wanted)
+        now, before = phases.classify(self.deformation), phases.classify(self.deformation[:1])
+        return jnp.all(now == code) & ~jnp.all(before == code)
+
+
+def outcome(scene_file: SceneFile, keep: tuple[str, ...], march: AbstractMarch, scene: Scene) -> dict[str, Array]:
+    """The end of `scene`, whose numbers may be traced; everything else is that of the file.
+
+    Returns arrays by name: `status` (a code), `t_reached`, `steps`, `rejected`; `class` (M,) with a field (index into
+    `phases.NAMES`); `NAME_final` of every diagnostic, `NAME_average`, and `NAME_min`, `NAME_max` of some; with
+    `keep`, `history/NAME` (T, …) and `history/x`, `history/V_m`.
+    """
+    scene, code = _at_rest(scene_file, scene)
+    average = None if scene_file.average is None else as_float(scene_file.average)
+    equation = equation_for(scene, integrands=None if average is None else diagnostics.averaged)
+    checks = Checks(steady=None if scene_file.stop is None else scene_file.stop.steady)
+    wanted = None if scene_file.stop is None else scene_file.stop.class_
+    stops = marching.stops_of(scene, scene_file.t_end, average)
+    state = marching.initial_state(equation, march, average)
+    state = eqx.tree_at(lambda s: s.status, state, code)
+    times = scene_file.t_end * jnp.arange(scene_file.saves + 1) / scene_file.saves
+
+    def march_to(state: State, t_save: Array):
+        state, rows = marching.advance(equation, march, state, t_save[None], stops, checks)
+        return state, jax.tree.map(lambda leaf: leaf[0], rows)
+
+    nothing = jax.tree.map(
+        lambda leaf: jnp.full(leaf.shape, jnp.nan, leaf.dtype), eqx.filter_eval_shape(march_to, state, times[0])[1]
+    )
+
+    def to_save(carry, at):
+        state, seen = carry
+        k, t_save = at
+        # What has ended costs nothing more, where this is not batched.
+        running = state.status == status.RUNNING
+        state, row = lax.cond(running, march_to, lambda state, _: (state, nothing), state, t_save)
+        seen = seen.with_row(k, row, ~jnp.isnan(row["t"]))
+        if wanted is not None:
+            reached = (state.status == status.RUNNING) & seen.has_class(wanted)
+            state = eqx.tree_at(lambda s: s.status, state, jnp.where(reached, status.CLASS_REACHED, state.status))
+        return (state, seen), {name: row[name] for name in _kept(keep, row)}
+
+    names = {name.removeprefix("diagnostics/"): value for name, value in nothing.items() if "/" in name}
+    extremes = {name: names[name] for name in EXTREMES if name in names}
+    deformation = None
+    if _CLASSIFIED in names:
+        deformation = jnp.full((len(times), *names[_CLASSIFIED].shape), jnp.nan)
+    start = state, _Seen(names, extremes, extremes, deformation)
+    (state, seen), history = lax.scan(to_save, start, (jnp.arange(len(times)), times))
+
+    out = {
+        "status": jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status),
+        "t_reached": state.t,
+        "steps": state.steps,
+        "rejected": state.rejected,
+    }
+    if deformation is not None:
+        out["class"] = phases.classify(seen.deformation)
+    out |= {f"{name}_final": value for name, value in seen.final.items()}
+    if average is not None:
+        means = diagnostics.averages(state.window.means(), scene)
+        out |= {f"{name}_average": value for name, value in means.items()}
+    out |= {f"{name}_min": value for name, value in seen.least.items()}
+    out |= {f"{name}_max": value for name, value in seen.greatest.items()}
+    return out | {f"history/{name.removeprefix('diagnostics/')}": value for name, value in history.items()}
+
+
+def _kept(keep: tuple[str, ...], row: dict[str, Array]) -> list[str]:
+    kept = []
+    if "history" in keep:
+        kept += [name for name in row if "/" in name]
+    if "shapes" in keep:
+        kept += [name for name in ("x", "V_m", "tension") if name in row]
+    return kept
+
+
+def _at_rest(scene_file: SceneFile, scene: Scene) -> tuple[Scene, Array]:
+    """The scene with those vesicles relaxed that are to be; RUNNING, or the status of the one that is not at rest."""
+    code = jnp.int32(status.RUNNING)
+    x = scene.x
+    for m, vesicle in enumerate(scene_file.vesicles()):
+        if vesicle.relaxed:
+            at_rest, word = problem.at_rest(x[m])
+            x = x.at[m].set(at_rest)
+            code = jnp.where(word == status.COMPLETE, code, word)
+    return eqx.tree_at(lambda s: s.x, scene, x), code

@@ -1,0 +1,309 @@
+"""Sweeps: each case as if it were alone, each with its own end, and all of it again after whatever interrupted it."""
+
+import contextlib
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+
+import jaxves
+from jaxves import batches, sweepstore
+from jaxves.hdf5 import StoreError
+from jaxves.marching import Adaptive
+from jaxves.parameters import scene_of
+from jaxves.sweepfile import parse
+from jaxves.tables import SceneError
+
+BETA, CONDUCTANCE, AREA = "field.beta", "field.membrane_conductance", "vesicle.reduced_area"
+SCENE = {
+    "t_end": 0.02,
+    "saves": 4,
+    "average": [0.005, 0.02],
+    "vesicle": [{"reduced_area": 0.9, "angle": 90.0}],
+    "field": {"beta": 3.2, "conductivity_ratio": 0.1},
+    "numerics": {"nodes": 32},
+}
+GRID = {"scene": SCENE, "keep": ["history", "shapes"], "axes": {BETA: [1.0, 3.2, 6.0], CONDUCTANCE: [0.0, 1.0]}}
+FILE = """
+keep = ["history", "shapes"]
+[scene]
+t_end = 0.02
+saves = 4
+average = [0.005, 0.02]
+[[scene.vesicle]]
+reduced_area = 0.9
+angle = 90.0
+[scene.field]
+beta = 3.2
+conductivity_ratio = 0.1
+[scene.numerics]
+nodes = 32
+[axes]
+"field.beta" = { start = 0.5, stop = 6.0, num = 12 }
+"field.membrane_conductance" = [0.0, 0.5, 1.0, 2.0]
+"""
+
+
+def datasets(path):
+    """Everything in the file but its attributes, bit by bit."""
+    found = {}
+
+    def visit(name, item):
+        if isinstance(item, h5py.Dataset):
+            found[name] = (item.shape, item[()].tobytes() if item.dtype != object else list(item[()].ravel()))
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    return found
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    path = tmp_path_factory.mktemp("sweep") / "whole.h5"
+    jaxves.sweep(GRID, path, devices=1, batch=2)
+    return path
+
+
+# --- what a case is -----------------------------------------------------------------------------
+
+
+def test_a_case_is_what_the_same_scene_gives_alone(whole):
+    record = sweepstore.load(whole)
+    assert record.counts() == {"complete": 6}
+    scene_file = parse(GRID).scene
+
+    @jax.jit
+    def alone(beta, conductance):
+        scene = scene_of(scene_file, {BETA: beta, CONDUCTANCE: conductance})
+        return jaxves.simulate(scene, 0.02, saves=4, march=Adaptive(1e-4), average=jnp.array([0.005, 0.02]))
+
+    result = alone(3.2, 1.0)
+    at = (1, 1)
+    assert record.at(at) == {BETA: 3.2, CONDUCTANCE: 1.0}
+    assert record.data["steps"][at] == result.state.steps
+    close = {"rtol": 1e-9, "atol": 1e-12}
+    deformation = result.diagnostics["deformation"]
+    np.testing.assert_allclose(record.data["deformation_final"][at], deformation[-1], **close)
+    np.testing.assert_allclose(record.data["deformation_min"][at], deformation.min(0), **close)
+    np.testing.assert_allclose(record.data["deformation_max"][at], deformation.max(0), **close)
+    np.testing.assert_allclose(record.data["deformation_average"][at], result.averages["deformation"], **close)
+    np.testing.assert_allclose(sweepstore.history(whole, "deformation", at), deformation, **close)
+    np.testing.assert_allclose(sweepstore.history(whole, "x", at), result.x, **close)
+
+
+def test_the_file_opens_in_xarray_as_a_labelled_grid(whole):
+    with xarray.open_dataset(whole) as data:
+        assert data.status.dims == (BETA, CONDUCTANCE)
+        np.testing.assert_array_equal(data[BETA], [1.0, 3.2, 6.0])
+        case = data.sel({BETA: 6.0, CONDUCTANCE: 1.0})
+        assert case.status.item() == "complete" and case["class"].item() == "P"
+        assert data.deformation_final.dims == (BETA, CONDUCTANCE, "vesicle")
+        assert all(data[name].attrs["units"] and data[name].attrs["long_name"] for name in data)
+        np.testing.assert_allclose(data.t, np.linspace(0, 0.02, 5), atol=1e-15)
+    with xarray.open_dataset(whole, group="history") as data:
+        assert data.x.dims == (BETA, CONDUCTANCE, "t", "vesicle", "node", "xy")
+
+
+def test_a_case_does_not_depend_on_its_batch(whole, tmp_path):
+    jaxves.sweep(GRID, tmp_path / "out.h5", devices=1, batch=4)
+    assert datasets(tmp_path / "out.h5") == datasets(whole)
+
+
+def test_cases_side_by_side_agree_with_cases_one_by_one(whole, tmp_path):
+    record = jaxves.sweep(GRID, tmp_path / "out.h5", devices=1, batch=6, method="vmap")
+    reference = sweepstore.load(whole)
+    np.testing.assert_array_equal(record.status, reference.status)
+    np.testing.assert_array_equal(record.data["steps"], reference.data["steps"])
+    for name in ("deformation_final", "effective_viscosity_average", "tension_max_max"):
+        if name in reference.data:
+            np.testing.assert_allclose(record.data[name], reference.data[name], rtol=1e-8)
+
+
+# --- each case has its own end ------------------------------------------------------------------
+
+
+def test_poisoned_cases_are_flagged_and_no_other(whole, tmp_path):
+    """NaN, an impossible shape, a field beyond all steps; the rest as if they were not there."""
+    cases = [(1.0, 0.9), (math.nan, 0.9), (3.2, 0.9), (3.2, 1.2), (6.0, 0.9), (1e13, 0.9)]
+    tables = {"scene": SCENE, "cases": [{BETA: beta, AREA: area} for beta, area in cases]}
+    record = jaxves.sweep(tables, tmp_path / "out.h5", devices=1, batch=2)
+    good = [0, 2, 4]
+    assert [i for i in range(6) if record.status[i] == "complete"] == good
+    assert record.status[1] == record.status[3] == "refused"
+    assert "field.beta = nan" in record.reasons[1] and "(0, 1]" in record.reasons[3]
+    assert record.status[5] in ("step underflow", "not finite") and record.reasons[5]
+    assert np.all(record.classes[good] == "P") and np.all(record.classes[[1, 3, 5]] == "")
+    alone = sweepstore.load(whole).data["deformation_final"][:, 0]
+    np.testing.assert_allclose(record.data["deformation_final"][good], alone, rtol=1e-9)
+    assert np.isnan(record.data["deformation_final"][[1, 3]]).all()
+
+
+def test_cases_that_need_more_steps_get_them_in_a_second_pass_and_no_more_than_that(whole, tmp_path):
+    reference = sweepstore.load(whole)
+    needed = reference.data["steps"] + reference.data["rejected"]
+    few, more = np.unique(needed)
+    record = jaxves.sweep(GRID | {"max_steps": [int(few), int(more)]}, tmp_path / "out.h5", devices=1, batch=2)
+    assert np.all(record.passes == 2)
+    enough = needed < more
+    np.testing.assert_array_equal(record.status, np.where(enough, "complete", "too many steps"))
+    assert np.all(record.classes[~enough] == "")
+    for name, values in reference.data.items():
+        np.testing.assert_array_equal(record.data[name][enough], values[enough])
+
+
+def test_a_class_that_is_waited_for_ends_a_case_early(tmp_path):
+    scene = SCENE | {"t_end": 0.2, "saves": 20, "stop": {"class": "O"}}
+    record = jaxves.sweep({"scene": scene, "axes": {BETA: [0.5, 6.0]}}, tmp_path / "out.h5", devices=1, batch=2)
+    assert list(record.status) == ["complete", "class reached"] and list(record.classes) == ["P", "O"]
+    assert abs(record.data["t_reached"][0] - 0.2) < 1e-12 and record.data["t_reached"][1] < 0.15
+
+
+# --- cut off, and gone on with ------------------------------------------------------------------
+
+
+class Counting:
+    """Remembers how many cases were done at each call, and stops the sweep after so many."""
+
+    def __init__(self, stop_at=math.inf):
+        self.stop_at, self.done = stop_at, []
+
+    def __call__(self, done, total, text):
+        if text == "compiling":
+            return
+        self.done.append(done)
+        if done >= self.stop_at:
+            raise KeyboardInterrupt
+
+
+def test_an_interrupted_sweep_goes_on_where_it_was_with_the_same_bits(whole, tmp_path):
+    path = tmp_path / "out.h5"
+    with pytest.raises(KeyboardInterrupt):
+        jaxves.sweep(GRID, path, devices=1, batch=2, progress=Counting(stop_at=4))
+    record = sweepstore.load(path)
+    assert record.attributes["status"] == "interrupted"
+    assert record.counts() == {"complete": 4, "pending": 2}
+    rest = Counting()
+    jaxves.sweep(GRID, path, devices=1, batch=2, resume=True, progress=rest)
+    assert rest.done[0] == 4 and rest.done[-1] == 6
+    assert datasets(path) == datasets(whole)
+
+
+def test_a_file_is_resumed_only_with_its_own_sweep_and_not_overwritten(whole, tmp_path):
+    before = whole.read_bytes()
+    other = GRID | {"axes": {BETA: [1.0]}}
+    with pytest.raises(StoreError, match="another sweep"):
+        jaxves.sweep(other, whole, resume=True)
+    with pytest.raises(StoreError, match="--force"):
+        jaxves.sweep(GRID, whole)
+    with pytest.raises(StoreError, match="does not exist"):
+        jaxves.sweep(GRID, tmp_path / "none.h5", resume=True)
+    assert whole.read_bytes() == before
+
+
+def test_what_does_not_fit_is_refused_with_what_would(whole, tmp_path, monkeypatch):
+    def refused(words, **how):
+        with pytest.raises(SceneError, match=words):
+            jaxves.sweep(GRID, tmp_path / "out.h5", devices=1, batch=2)
+
+    program = batches.Batches(parse(GRID), (BETA, CONDUCTANCE), jax.local_devices()[:1], batch=2).program
+    need = batches._bytes(batches._compiled(program, 2000))
+    monkeypatch.setattr(batches, "_free", lambda devices: int(0.6 * need))
+    refused(r"batch = 2, expected at most 1: 2 cases at a time need .* GiB")
+    monkeypatch.setattr(batches, "_free", lambda devices: int(0.26 * need))
+    refused(r"numerics.nodes = 32, expected about 16 or fewer")
+    monkeypatch.undo()
+    monkeypatch.setattr(sweepstore, "free_bytes", lambda path: 10_000)
+    refused(r"6 cases of .* MiB need .* on the disk, .* \d cases would fit")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def start(tmp_path_factory):
+    """Starts the command in a folder with the sweep file; compiled programs are shared."""
+    folder = tmp_path_factory.mktemp("commands")
+    (folder / "sweep.toml").write_text(FILE)
+    env = os.environ | {
+        "JAX_COMPILATION_CACHE_DIR": str(folder / "cache"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+
+    def start(out, *arguments):
+        command = [sys.executable, "-m", "jaxves", "sweep", "sweep.toml", "--out", out, *map(str, arguments)]
+        return subprocess.Popen(command, env=env, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    start.folder = folder
+    return start
+
+
+def finished(process):
+    out, err = process.communicate(timeout=600)
+    return process.returncode, out, err
+
+
+def test_a_sweep_killed_at_any_moment_goes_on_and_ends_with_the_bits_of_a_whole_one(start):
+    code, _, err = finished(start("whole.h5", "--devices", 1))
+    assert code == 0, err
+    killed = start.folder / "killed.h5"
+    rng = np.random.default_rng()
+    acknowledged, kills = 0, 0
+    for _ in range(3):
+        process = start("killed.h5", "--devices", 1, *(["--resume"] if killed.exists() else []))
+        end = time.monotonic() + 600
+        while process.poll() is None and time.monotonic() < end:
+            with contextlib.suppress(StoreError):
+                if np.sum(sweepstore.progress(killed).status != "pending") > acknowledged:
+                    break
+            time.sleep(0.005)
+        time.sleep(rng.uniform(0, 0.3))
+        kills += process.poll() is None
+        process.kill()
+        process.communicate()
+        known = int(np.sum(sweepstore.progress(killed).status != "pending"))
+        assert known >= acknowledged
+        acknowledged = known
+    assert kills >= 1
+    code, out, err = finished(start("killed.h5", "--devices", 1, "--resume"))
+    assert code == 0, err
+    assert f"{48 - acknowledged} cases computed now, {acknowledged} were there" in out
+    assert datasets(killed) == datasets(start.folder / "whole.h5")
+
+
+@pytest.mark.slow
+def test_two_processes_share_a_sweep_and_give_the_bits_of_one(start):
+    whole = start.folder / "whole.h5"
+    if not whole.exists():
+        assert finished(start("whole.h5", "--devices", 1))[0] == 0
+    port = 20000 + os.getpid() % 20000
+    both = [
+        start("two.h5", "--devices", 1, "--coordinator", f"localhost:{port}", "--processes", 2, "--process", p)
+        for p in (0, 1)
+    ]
+    for process in both:
+        code, _, err = finished(process)
+        assert code == 0, err
+    assert datasets(start.folder / "two.h5") == datasets(whole)
+    assert not list(start.folder.glob("two.h5.*"))
+
+
+def test_an_interrupt_ends_with_130_and_leaves_what_was_there(start):
+    process = start("stopped.h5", "--devices", 1)
+    end = time.monotonic() + 600
+    while time.monotonic() < end:
+        with contextlib.suppress(StoreError):
+            if np.any(sweepstore.progress(start.folder / "stopped.h5").status == "complete"):
+                break
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    code, _, err = finished(process)
+    record = sweepstore.load(start.folder / "stopped.h5")
+    assert (code, record.attributes["status"]) in ((130, "interrupted"), (0, "complete")) and "Traceback" not in err
