@@ -119,6 +119,17 @@ class Model(eqx.Module):
         return {name: found[name][1:] for name in self.names}
 
 
+@eqx.filter_jit
+def _shown(model: Model, values):
+    return model(values)
+
+
+def shown(model: Model, values: Mapping[str, float]) -> dict[str, Float[np.ndarray, "T ..."]]:
+    """What the model shows with these numbers: to make or to draw observations."""
+    found = _shown(model, {name: as_float(value) for name, value in values.items()})
+    return {name: np.asarray(history) for name, history in found.items()}
+
+
 def _residuals(z: Float[Array, "P"], args) -> Float[Array, "R"]:
     model, inside, seen, deviation = args
     shown = model(transforms.to_values(z, dict(inside)))
