@@ -17,12 +17,14 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from . import curve as geometry
-from . import diagnostics, membrane, status
+from . import diagnostics, fourier, membrane, status
 from .arrays import PerVesicle, Scalar, Status, as_float
 from .curve import Curve
 from .equation import Equation, Filter, Frozen, Unknowns, equation_for
 from .scene import Scene
 from .steppers import ARK4, AbstractStepper
+
+ROUGH = 3e-3  # top of the spectrum over its largest mode: beyond it nothing is resolved
 
 
 class Window(eqx.Module):
@@ -209,6 +211,9 @@ def _accepted(state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Un
     """The state after a step from `state` to (t, y)."""
     motion = frozen.motion
     code = jnp.where(motion.residual < 1e-6, status.RUNNING, status.SOLVE_FAILED)
+    # Wrinkles may come and go between saved instants, and leave a smooth shape that is not the right one.
+    tails = jax.vmap(lambda x: fourier.spectral_tail(x, equation.filter.x))(lax.stop_gradient(y.x))
+    code = jnp.where(jnp.max(tails) > ROUGH, status.UNRESOLVED, code)
     code = jnp.where(jnp.isfinite(_max_norm((y.x, y.V_m))), code, status.NOT_FINITE)
     return State(
         t,
@@ -255,7 +260,7 @@ class Checks(eqx.Module):
     `film`: of the estimated relative error of the drainage of a film thinner than the node spacing.
     """
 
-    tail: float = eqx.field(static=True, default=3e-3)
+    tail: float = eqx.field(static=True, default=ROUGH)
     film: float = eqx.field(static=True, default=0.1)
     drift: float = eqx.field(static=True, default=1e-2)
     steady: Scalar | None = None
