@@ -20,7 +20,7 @@ from . import curve as geometry
 from . import diagnostics, fourier, membrane, status
 from .arrays import PerVesicle, Scalar, Status, as_float
 from .curve import Curve
-from .equation import Equation, Filter, Frozen, Unknowns, equation_for
+from .equation import Equation, Filter, Frozen, Motion, Unknowns, equation_for
 from .scene import Scene
 from .steppers import ARK4, AbstractStepper
 
@@ -211,9 +211,7 @@ def _accepted(state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Un
     """The state after a step from `state` to (t, y)."""
     motion = frozen.motion
     code = jnp.where(motion.residual < 1e-6, status.RUNNING, status.SOLVE_FAILED)
-    # Wrinkles may come and go between saved instants, and leave a smooth shape that is not the right one.
-    tails = jax.vmap(lambda x: fourier.spectral_tail(x, equation.filter.x))(lax.stop_gradient(y.x))
-    code = jnp.where(jnp.max(tails) > ROUGH, status.UNRESOLVED, code)
+    code = jnp.where(_is_rough(equation, motion, y), status.UNRESOLVED, code)
     code = jnp.where(jnp.isfinite(_max_norm((y.x, y.V_m))), code, status.NOT_FINITE)
     return State(
         t,
@@ -226,6 +224,21 @@ def _accepted(state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Un
         state.rejected,
         jnp.int32(code),
     )
+
+
+def _is_rough(equation: Equation, motion: Motion, y: Unknowns) -> Array:
+    """Whether the shape has a rough spectrum, or wrinkles finer than the nodes resolve would grow in it.
+
+    Wrinkles may come and go between saved instants, and leave a smooth shape that is not the right one.
+    """
+    cut, N = equation.filter.x, y.x.shape[1]
+
+    def of_one(x, curve, sigma, bending):
+        finest = membrane.fastest_wrinkle(curve, sigma, bending)
+        return (fourier.spectral_tail(x, cut) > ROUGH) | (finest > N // 2 - cut)
+
+    rough = jax.vmap(of_one)(y.x, motion.surfaces.curves, motion.sigma, equation.scene.bending)
+    return lax.stop_gradient(jnp.any(rough))
 
 
 def initial_state(equation: Equation, march: AbstractMarch, average: Array | None = None) -> State:
