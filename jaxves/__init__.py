@@ -20,12 +20,15 @@ _LAYERS = {
     # vocabulary
     "arrays": (),
     "fourier": (),
+    "status": (),
     # geometry
     "curve": ("Curve",),
     "shapes": ("circle", "ellipse", "through_points"),
     # potentials: of one curve, at points away from it, and between curves
     "potentials": (),
-    "interactions": (),
+    "interactions": ("Pairwise",),
+    "neighbours": (),
+    "summation": ("MatrixFree",),
     "surface": ("Surfaces",),
     # physics
     "membrane": (),
@@ -35,11 +38,11 @@ _LAYERS = {
     "flow": ("Extension", "Linear", "Shear"),
     # the equation
     "scene": ("Scene", "dc_field", "make_scene"),
+    "krylov": (),
     "linear": ("GMRES", "Dense"),
     "equation": ("Unknowns", "equation_for"),
     # many steps, and what they say
     "steppers": ("ARK4", "ARK5", "SemiImplicitEuler"),
-    "status": (),
     "diagnostics": (),
     "marching": ("Adaptive", "Checks", "Fixed", "simulate"),
     "phases": (),
@@ -59,14 +62,6 @@ _LAYERS = {
     "hdf5": (),
     "store": (),
     "problem": (),
-    # derivatives and inverse problems
-    "steady": (),
-    "sensitivity": (),
-    "differences": (),
-    "gradcheck": (),
-    "critical_field": (),
-    "transforms": (),
-    "fit": (),
     "runner": ("run",),
     # sweeps: many cases of one scene
     "sweeptables": (),

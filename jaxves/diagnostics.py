@@ -24,7 +24,7 @@ from . import curve as geometry
 from . import fourier, membrane
 from .curve import Curve
 from .equation import Equation, Motion, Unknowns
-from .interactions import pair_frames
+from .interactions import over_pairs
 from .scene import Scene
 
 
@@ -59,7 +59,7 @@ QUANTITIES = {
     "charge": Quantity("E_inf a", "∮ q ds", _EACH),
     "max_V_m": Quantity("E_inf a", "largest |V_m|, which electroporation depends on", _EACH),
     "torque": Quantity("kappa_B/a", "electric torque about the centroid", _EACH),
-    "traction_ratio": Quantity("1", "∮ |f_el·t| ds / ∮ |f_el·n| ds, zero without traction", _EACH),
+    "traction_ratio": Quantity("1", "∮ |f_el·t| ds / ∮ |f_el·n| ds", _EACH),
     "min_gap": Quantity("a", "least distance between two membranes", _RUN),
     "film_error": Quantity("1", "estimated relative error of the drainage of the thinnest film", _RUN),
     "separation": Quantity("a", "distance of the centres of two vesicles", _RUN),
@@ -126,8 +126,7 @@ def crosses_itself(curve: Curve) -> Array:
 
 def collides(curves: Curve) -> Array:
     """Whether the polygons of any two vesicles intersect."""
-    target, source = pair_frames(curves)
-    return jnp.any(jax.vmap(_crossings)(target, source))
+    return jnp.any(over_pairs(lambda *pair: jnp.any(_crossings(*pair)), curves))
 
 
 def gap(first: Curve, second: Curve) -> Array:
@@ -162,8 +161,7 @@ def _angle(vector: Array) -> Array:
 
 
 def _of_many(curves: Curve, center: Array, tension_tail: Array) -> dict[str, Array]:
-    target, source = pair_frames(curves)
-    least = jnp.min(jax.vmap(gap)(target, source))
+    least = jnp.min(over_pairs(gap, curves))
     out = {"min_gap": least, "film_error": jnp.max(tension_tail) / (2 * least) ** 2}
     if center.shape[0] == 2:
         line = center[0] - center[1]
@@ -220,7 +218,7 @@ def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
     arm = curve.x - geometry.centroid(curve)
     weights = curve.weights
     tangential = jnp.abs(jnp.sum(f_el * curve.tangent, axis=-1))
-    across = jnp.sum(jnp.abs(jnp.sum(f_el * curve.normal, axis=-1)) * weights)
+    normal = jnp.abs(jnp.sum(f_el * curve.normal, axis=-1))
     dipole = jnp.sum((q[:, None] * arm - V_m[:, None] * curve.normal) * weights[:, None], axis=0)
     return {
         "dipole": dipole,
@@ -228,7 +226,7 @@ def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
         "charge": jnp.sum(q * weights),
         "max_V_m": jnp.max(jnp.abs(V_m)),
         "torque": jnp.sum(weights * (arm[:, 0] * f_el[:, 1] - arm[:, 1] * f_el[:, 0])),
-        "traction_ratio": jnp.sum(tangential * weights) / jnp.where(across > 0, across, 1.0),
+        "traction_ratio": jnp.sum(tangential * weights) / jnp.sum(normal * weights),
     }
 
 

@@ -13,6 +13,8 @@ loses a band more, because a stretching pattern just below Nyquist is invisible 
 Nothing here knows how time is stepped.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,15 +22,18 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from . import curve as geometry
-from . import electric, fourier, linear, membrane
-from .arrays import PerVesicle, Scalar, VesicleNodes, VesiclePoints
+from . import electric, fourier, krylov, linear, membrane, status
+from .arrays import PerVesicle, Scalar, Status, VesicleNodes, VesiclePoints
 from .curve import Curve
 from .electric import SurfaceFields
-from .interactions import pair_frames
+from .interactions import AbstractCoupling, AbstractInteractions, pair_frames
 from .potentials.stokes import StokesBlocks
 from .rigid import holding_force, nearest_circle, rigid_part
 from .scene import Scene
+from .summation import coupling_for
 from .surface import Surfaces
+
+_COUPLED = 1e-11  # true relative residual of the systems that couple membranes
 
 
 class Unknowns(eqx.Module):
@@ -50,7 +55,7 @@ class Motion(eqx.Module):
     V_rate: VesicleNodes | None
     w: VesicleNodes | None
     fields: SurfaceFields | None
-    residual: Scalar  # worst true relative residual of the linear solves
+    residual: Scalar  # worst true relative residual of the linear solves; infinite when interactions are crowded
     iterations: Array
 
 
@@ -111,13 +116,49 @@ def _stretch_response(velocity: StokesBlocks, target: Curve, source: Curve, cut:
     return _remove_rows(_remove_rows(rows, cut).T, cut).T
 
 
-def _solve_coupled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"], b: VesicleNodes) -> linear.Solution:
-    """Solves with the matrix of all membranes: `blocks` on its diagonal, `coupled` off it."""
+def _solve_coupled(
+    blocks: linear.AbstractFactoredDense,
+    respond: Callable[[AbstractInteractions, VesicleNodes], VesicleNodes],
+    across: AbstractInteractions,
+    b: VesicleNodes,
+) -> linear.Solution:
+    """Solves (B + C) x = b by GMRES: B the factorised `blocks` of the membranes, C x = respond(across, x)."""
+    M, N = b.shape
+    rough = across.roughly()
+
+    def action(v):
+        v = v.reshape(M, N)
+        return (jnp.einsum("mij,mj->mi", blocks.operator.matrix, v) + respond(across, v)).reshape(-1)
+
+    def own(v):
+        return jax.vmap(lambda block, b: block.solve_columns(b[:, None])[:, 0])(blocks, v)
+
+    def precondition(v):
+        v = v.reshape(M, N)
+        if rough is None:
+            return own(v).reshape(-1)
+        return krylov.chebyshev(lambda x: own(v - respond(rough, x)), own(v)).reshape(-1)
+
+    operator = linear.LinearOperator(action=action, precondition=precondition)
+    return linear.GMRES(_COUPLED).factor(operator).solve(b.reshape(-1)).reshaped(M, N)
+
+
+def _solve_assembled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"], b: VesicleNodes) -> linear.Solution:
+    """The same by factorising the matrix of all membranes: `blocks` on its diagonal, `coupled` off it."""
     M, N = b.shape
     m = np.arange(M)
     whole = coupled.reshape(M, N, M, N).at[m, :, m, :].set(blocks).reshape(M * N, M * N)
-    solution = linear.Dense().factor(linear.LinearOperator(whole)).solve(b.reshape(-1))
-    return linear.Solution(solution.value.reshape(M, N), solution.residual, solution.iterations)
+    return linear.Dense().factor(linear.LinearOperator(whole)).solve(b.reshape(-1)).reshaped(M, N)
+
+
+def _crowded(surfaces: Surfaces) -> Array | None:
+    return None if surfaces.interactions is None else surfaces.interactions.crowded
+
+
+def verdict(residual: Scalar) -> Status:
+    """RUNNING, or what the residual of a `Motion` says against it."""
+    code = jnp.where(residual < 1e-6, status.RUNNING, status.SOLVE_FAILED)
+    return jnp.where(jnp.isposinf(residual), status.CROWDED, code)
 
 
 class Constraint(eqx.Module):
@@ -169,7 +210,8 @@ class Equation(eqx.Module):
     area: PerVesicle
     speed: PerVesicle
     filter: Filter
-    solver: linear.AbstractSolver  # of the charge, where its factors are not needed
+    solver: linear.AbstractSolver  # of one membrane's charge, where its factors are not needed
+    coupling: AbstractCoupling | None  # None: a lone membrane
     integrands: object = eqx.field(static=True, default=None)  # (Motion, Scene, t) -> dict, or None
 
     def is_circle(self) -> Array:
@@ -183,8 +225,12 @@ class Equation(eqx.Module):
         return self._motion(t, y, factored=False)[0]
 
     def rate(self, t: Scalar, y: Unknowns) -> Unknowns:
-        """F(y)."""
-        return self._rate(t, self.motion(t, y))
+        """F(y); NaN where crowded interactions would make it wrong in silence."""
+        motion = self.motion(t, y)
+        rate = self._rate(t, motion)
+        if _crowded(motion.surfaces) is None:
+            return rate
+        return jax.tree.map(lambda leaf: jnp.where(jnp.isposinf(motion.residual), jnp.nan, leaf), rate)
 
     def rate_of(self, frozen: Frozen, t: Scalar) -> Unknowns:
         """F(y) at the instant at which `frozen` was frozen."""
@@ -203,7 +249,7 @@ class Equation(eqx.Module):
     def _motion(self, t: Scalar, y: Unknowns, *, factored: bool):
         """F, and the factorised parts that A and the constraints are made of (of the charge when `factored`)."""
         scene = self.scene
-        surfaces = Surfaces.of(y.x, electric=scene.field is not None)
+        surfaces = Surfaces.of(y.x, electric=scene.field is not None, coupling=self.coupling)
         curves = surfaces.curves
         force = jax.vmap(membrane.linear_bending_force)(curves, scene.bending)
         residual, iterations = jnp.zeros(()), jnp.int32(0)
@@ -230,6 +276,8 @@ class Equation(eqx.Module):
         sigma = solution.value
         residual = jnp.maximum(residual, jnp.max(solution.residual))
         iterations = iterations + jnp.max(solution.iterations)
+        if (crowded := _crowded(surfaces)) is not None:
+            residual = jnp.where(crowded, jnp.inf, residual)
         f_tension = jax.vmap(membrane.linear_tension_force)(curves, sigma)
         velocity = velocity + surfaces.stokes(f_tension)
         velocity = fourier.low_pass(velocity, self.filter.x, axis=1)
@@ -255,12 +303,21 @@ class Equation(eqx.Module):
         across = surfaces.interactions
         if across is None:
             return jax.vmap(lambda tension, b: tension.solve(b))(constraint.tension, stretch)
+        cut = self.filter.surface
+        if not self.coupling.direct:
+
+            def respond(across, sigma):
+                force = jax.vmap(membrane.linear_tension_force)(surfaces.curves, fourier.low_pass(sigma, cut))
+                rate = jax.vmap(membrane.stretch_rate)(surfaces.curves, across.stokes(force))
+                return -fourier.low_pass(surfaces.curves.speed * rate, cut)
+
+            return _solve_coupled(constraint.tension, respond, across, stretch)
 
         def block(velocity, target, source):
-            return -_stretch_response(velocity, target, source, self.filter.surface)
+            return -_stretch_response(velocity, target, source, cut)
 
         coupled = across.scattered(jax.vmap(block)(across.velocity, *pair_frames(surfaces.curves)))
-        return _solve_coupled(constraint.tension.operator.matrix, coupled, stretch)
+        return _solve_assembled(constraint.tension.operator.matrix, coupled, stretch)
 
     def _charge(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, factored: bool):
         field = self.scene.field
@@ -269,17 +326,23 @@ class Equation(eqx.Module):
         kernel = surfaces.laplace_slp_dn * field.contrast()[:, None, None] + mean[:, None]
         matrices = 0.5 * np.eye(V_m.shape[1]) + kernel * curves.speed[:, None, :]
         flux = curves.normal @ field.E_inf(t) + surfaces.dlp_dn(V_m)
-        # A needs the factors themselves; a lone solve may be iterative.
-        solver = linear.Dense() if factored else self.solver
-        charge = jax.vmap(lambda matrix: solver.factor(linear.LinearOperator(matrix)))(matrices)
         across = surfaces.interactions
+        # A and GMRES need the factors themselves; a lone solve may be iterative.
+        solver = self.solver if across is None and not factored else linear.Dense()
+        charge = jax.vmap(lambda matrix: solver.factor(linear.LinearOperator(matrix)))(matrices)
         if across is None:
             return jax.vmap(lambda charge, b: charge.solve(b))(charge, flux), charge
+        if not self.coupling.direct:
+
+            def respond(across, w):
+                return jnp.sum(curves.normal * across.slp_gradient(field.contrast()[:, None] * w), axis=-1)
+
+            return _solve_coupled(charge, respond, across, flux), charge
         target, _ = pair_frames(curves)
         normal = jnp.moveaxis(target.normal, -1, 1)[..., None]
         eta = jnp.repeat(field.contrast(), V_m.shape[1])
         coupled = across.scattered(jnp.sum(normal * across.gradient, axis=1)) * eta
-        return _solve_coupled(matrices, coupled, flux), charge
+        return _solve_assembled(matrices, coupled, flux), charge
 
     def _traction(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, w: VesicleNodes):
         field = self.scene.field
@@ -389,16 +452,27 @@ class Equation(eqx.Module):
 
 
 def equation_for(
-    scene: Scene, *, filter: Filter | None = None, solver: linear.AbstractSolver | None = None, integrands=None
+    scene: Scene,
+    *,
+    filter: Filter | None = None,
+    solver: linear.AbstractSolver | None = None,
+    coupling: AbstractCoupling | None = None,
+    integrands=None,
 ) -> Equation:
-    """The equation of a scene; areas and perimeters are those of its starting curves."""
+    """The equation of a scene; areas and perimeters are those of its starting curves.
+
+    `solver` and `coupling` are chosen by size where they are not given.
+    """
     curves = jax.vmap(Curve.from_nodes)(scene.x)
-    N = scene.x.shape[1]
+    M, N, _ = scene.x.shape
+    if M == 1 or coupling is None:
+        coupling = coupling_for(M, N)
     return Equation(
         scene,
         jax.vmap(geometry.area)(curves),
         jax.vmap(geometry.length)(curves) / (2 * np.pi),
         Filter.for_nodes(N) if filter is None else filter,
         linear.for_second_kind(N) if solver is None else solver,
+        coupling,
         integrands,
     )

@@ -6,10 +6,15 @@ Two operators serve everything, for each ordered pair (target i, source j):
     S'_ij = n_i·∇S[q_j],   D'_ij V = t_i·∇S[∂_s V_j],   ∇D[V] = (∂_y, -∂_x) S[∂_s V]
 
 the last since D[V] and S[∂_s V] are harmonic conjugates. Pairs nearer than five node spacings (the paper's 5h
-rule; the trapezoidal error there is e^{-10π}) take close evaluation, the others the trapezoidal rule. A branch
+rule; the trapezoidal error there is e^{-10π}) take close evaluation, the others the trapezoidal rule.
+
+How the operators are held is a choice: here as matrices of all pairs, in `summation` without them. A branch
 at run time decides: while no pair is near, nothing of closeness is paid for (under `vmap` a branch becomes a
 choice between both, and all is paid for).
 """
+
+import abc
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -24,38 +29,81 @@ from .potentials.near import CloseGeometry
 from .potentials.stokes import StokesBlocks
 
 NEAR = 5.0  # node spacings of the source
+_BATCH = 64  # pairs of which something is computed at once
 
 
-class Interactions(eqx.Module):
+class AbstractInteractions(eqx.Module):
+    """The two operators between all membranes at one instant.
+
+    `crowded`: near pairs were more than there was room for, and the operators are wrong; None where this cannot be.
+    """
+
+    crowded: eqx.AbstractVar[Bool[Array, ""] | None]
+
+    @abc.abstractmethod
+    def stokes(self, f: VesiclePoints) -> VesiclePoints:
+        """Velocity at the nodes of each membrane from forces on the others."""
+
+    @abc.abstractmethod
+    def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
+        """∇S[q] of the other membranes at the nodes of each."""
+
+    def roughly(self) -> "AbstractInteractions | None":
+        """The same to a few digits at a fraction of the cost, to precondition with; None where nothing is cheaper."""
+        return None
+
+
+class AbstractCoupling(eqx.Module):
+    """How interactions are computed, and how the systems that couple all membranes are solved.
+
+    `direct`: by one dense factorisation of all MN unknowns, not by GMRES.
+    """
+
+    direct: eqx.AbstractVar[bool]
+
+    @abc.abstractmethod
+    def between(self, curves: Curve, *, electric: bool) -> AbstractInteractions:
+        """The interactions of the M >= 2 membranes in `curves`; `electric` adds what only a field needs."""
+
+
+class Pairwise(AbstractCoupling):
+    """Matrices of all ordered pairs: the fastest for few membranes, with memory that grows like (MN)²."""
+
+    direct: bool = eqx.field(static=True)
+
+    def between(self, curves: Curve, *, electric: bool) -> "PairMatrices":
+        return PairMatrices.of(curves, electric=electric)
+
+
+class PairMatrices(AbstractInteractions):
     """Matrices (pairs, N, N) from densities to values, for the ordered pairs `target`, `source`."""
 
     velocity: StokesBlocks
     gradient: Float[Array, "pairs 2 N N"] | None
-    near: Bool[Array, "pairs"]
     vesicles: int = eqx.field(static=True)
+    crowded: None = None
 
     @classmethod
-    def of(cls, curves: Curve, *, electric: bool) -> "Interactions":
+    def of(cls, curves: Curve, *, electric: bool) -> "PairMatrices":
         """All ordered pairs of the M membranes in `curves`."""
-        M = curves.x.shape[0]
         targets, sources = pair_frames(curves)
-        is_near = jax.vmap(_is_near)(sources, targets.x)
+        is_near = jax.vmap(is_near_curve)(sources, targets.x)
         far = jax.vmap(lambda source, x: _far(source, x, electric))(sources, targets.x)
 
-        def refined():
-            close = jax.vmap(lambda source, x: _close(source, x, electric))(sources, targets.x)
-            return jax.tree.map(lambda a, b: jnp.where(is_near[(...,) + (None,) * (a.ndim - 1)], a, b), close, far)
+        # One pair after the other: a near one then costs its own close evaluation, not that of all pairs.
+        @jax.checkpoint
+        def refined(pair):
+            near, source, x, far = pair
+            return jax.lax.cond(near, lambda: close_matrices(source, x, electric), lambda: far)
 
-        velocity, gradient = jax.lax.cond(jnp.any(is_near), refined, lambda: far)
-        return cls(velocity, gradient, is_near, M)
+        velocity, gradient = jax.lax.map(refined, (is_near, sources, targets.x, far))
+        return cls(velocity, gradient, curves.x.shape[0])
 
     def stokes(self, f: VesiclePoints) -> VesiclePoints:
-        """Velocity at the nodes of each membrane from forces on the others."""
         _, source = _pairs(self.vesicles)
         return self._gather(jax.vmap(StokesBlocks.__matmul__)(self.velocity, f[source]))
 
     def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
-        """∇S[q] of the other membranes at the nodes of each."""
         _, source = _pairs(self.vesicles)
         return self._gather(jnp.einsum("paij,pj->pia", self.gradient, q[source]))
 
@@ -78,13 +126,24 @@ def _pairs(M: int) -> tuple[np.ndarray, np.ndarray]:
     return target[apart], source[apart]
 
 
+def over_pairs(function: Callable[[Curve, Curve], Array], curves: Curve) -> Array:
+    """`function(target, source)` of every ordered pair, in batches that bound the memory."""
+
+    def of_pair(pair):
+        target, source = (jax.tree.map(lambda leaf, m=m: leaf[m], curves) for m in pair)
+        return function(target, source)
+
+    return jax.lax.map(of_pair, _pairs(curves.x.shape[0]), batch_size=_BATCH)
+
+
 def pair_frames(curves: Curve) -> tuple[Curve, Curve]:
     """The target's and the source's curve of every ordered pair."""
     target, source = _pairs(curves.x.shape[0])
     return jax.tree.map(lambda leaf: leaf[target], curves), jax.tree.map(lambda leaf: leaf[source], curves)
 
 
-def _is_near(source: Curve, x: Float[Array, "N 2"]) -> Bool[Array, ""]:
+def is_near_curve(source: Curve, x: Float[Array, "N 2"]) -> Bool[Array, ""]:
+    """Whether any of the points `x` needs close evaluation from `source`."""
     r2 = jnp.sum((x[:, None] - source.x[None]) ** 2, axis=-1)
     spacing = jnp.max(source.weights)
     # The curve may pass between two nodes: half a spacing is allowed for.
@@ -105,8 +164,8 @@ def _far(source: Curve, x, electric: bool):
     return blocks, gradient
 
 
-def _close(source: Curve, x, electric: bool):
-    """Close evaluation; other vesicles lie outside."""
+def close_matrices(source: Curve, x, electric: bool):
+    """The velocity and gradient matrices by close evaluation; other vesicles lie outside."""
     close = CloseGeometry.of(source, x, inside=False)
     gradient = near.laplace_slp_gradient_matrix(close) if electric else None
     return near_stokes.stokes_slp_matrix(close), gradient

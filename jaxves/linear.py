@@ -16,20 +16,24 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.scipy.sparse.linalg import gmres
 from jaxtyping import Array, Float, Int
 
+from . import krylov
 from .arrays import Scalar
 
 Vector = Float[Array, "n"]
 
 
 class Solution(eqx.Module):
-    """x of A x = b, |b - A x| / |b| (0 for b = 0), and how many applications of A it took (0: direct)."""
+    """x of A x = b, |b - A x| / |b| (0 for b = 0), and how many iterations it took (0: direct)."""
 
     value: Float[Array, "*rest"]
     residual: Scalar
     iterations: Int[Array, ""]
+
+    def reshaped(self, *shape: int) -> "Solution":
+        """The same with x of this shape."""
+        return Solution(self.value.reshape(shape), self.residual, self.iterations)
 
 
 class LinearOperator(eqx.Module):
@@ -63,11 +67,6 @@ class AbstractSolver(eqx.Module):
     @abc.abstractmethod
     def factor(self, operator: LinearOperator) -> AbstractFactored:
         """Does the work that all right-hand sides share."""
-
-
-def _relative_residual(mv, x, b) -> Scalar:
-    size = jnp.max(jnp.abs(b))
-    return jnp.max(jnp.abs(b - mv(x))) / jnp.where(size > 0, size, 1.0)
 
 
 def _one_by_one(function):
@@ -146,7 +145,7 @@ class AbstractFactoredDense(AbstractFactored):
 
     def solve(self, b: Vector) -> Solution:
         x = self.solve_columns(b[:, None])[:, 0]
-        return Solution(x, _relative_residual(self.operator.mv, x, b), jnp.int32(0))
+        return Solution(x, krylov.relative_residual(b - self.operator.mv(x), b), jnp.int32(0))
 
 
 class FactoredLU(AbstractFactoredDense):
@@ -198,51 +197,29 @@ class FactoredGMRES(AbstractFactored):
     def solve(self, b: Vector) -> Solution:
         precondition = self.operator.precondition or (lambda v: v)
         transposed = jax.linear_transpose(precondition, b)
-        x, count = lax.custom_linear_solve(
+
+        def iterate(mv, precondition, b):
+            x, *found = krylov.gmres(
+                mv, precondition, b, tol=self.tol, restart=self.restart, max_cycles=self.max_cycles
+            )
+            return x, found
+
+        x, (residual, count) = lax.custom_linear_solve(
             self.operator.mv,
             b,
-            solve=lambda mv, b: self._iterate(mv, precondition, b),
-            transpose_solve=lambda mv, b: self._iterate(mv, lambda v: transposed(v)[0], b),
+            solve=lambda mv, b: iterate(mv, precondition, b),
+            transpose_solve=lambda mv, b: iterate(mv, lambda v: transposed(v)[0], b),
             has_aux=True,
         )
-        return Solution(x, _relative_residual(self.operator.mv, x, b), count)
-
-    def _iterate(self, mv, precondition, b):
-        """x = M y with A M y = b: the residual that GMRES sees is the true one."""
-
-        def cycle(carry):
-            x, _, count = carry
-            y, _ = gmres(
-                lambda y: mv(precondition(y)),
-                b - mv(x),
-                tol=self.tol * jnp.linalg.norm(b) / jnp.linalg.norm(b - mv(x)),
-                atol=0.0,
-                restart=self.restart,
-                maxiter=1,
-                solve_method="incremental",
-            )
-            x = x + precondition(y)
-            return x, _relative_residual(mv, x, b), count + self.restart
-
-        # JAX's GMRES reports success whatever happens, so each cycle is judged by its true residual.
-        def unconverged(carry):
-            _, residual, count = carry
-            return (residual > self.tol) & (count < self.restart * self.max_cycles)
-
-        start = (jnp.zeros_like(b), jnp.where(jnp.any(b != 0), jnp.inf, 0.0), jnp.int32(0))
-        x, _, count = lax.while_loop(unconverged, cycle, start)
-        return x, count
+        return Solution(x, residual, count)
 
 
 class GMRES(AbstractSolver):
-    """Restarted GMRES of `jax.scipy`, in cycles until the true residual is below `tol`.
-
-    `iterations` counts whole cycles: a multiple of `restart`.
-    """
+    """Restarted GMRES, until the true residual is below `tol` or a cycle no longer helps."""
 
     tol: float = eqx.field(static=True, default=1e-11)
-    restart: int = eqx.field(static=True, default=12)
-    max_cycles: int = eqx.field(static=True, default=10)
+    restart: int = eqx.field(static=True, default=30)
+    max_cycles: int = eqx.field(static=True, default=5)
 
     def factor(self, operator: LinearOperator) -> FactoredGMRES:
         return FactoredGMRES(operator, self.tol, self.restart, self.max_cycles)

@@ -17,14 +17,13 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from . import curve as geometry
-from . import diagnostics, fourier, membrane, status
+from . import diagnostics, membrane, status
 from .arrays import PerVesicle, Scalar, Status, as_float
 from .curve import Curve
-from .equation import Equation, Filter, Frozen, Motion, Unknowns, equation_for
+from .equation import Equation, Filter, Frozen, Unknowns, equation_for, verdict
+from .interactions import AbstractCoupling
 from .scene import Scene
 from .steppers import ARK4, AbstractStepper
-
-ROUGH = 3e-3  # top of the spectrum over its largest mode: beyond it nothing is resolved
 
 
 class Window(eqx.Module):
@@ -185,6 +184,8 @@ class Adaptive(AbstractMarch):
         refused = eqx.tree_at(lambda s: (s.h, s.rejected), state, (shrunk, state.rejected + 1))
         new = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), after, refused)
         code = jnp.where(new.status == status.RUNNING, self._limit(new, sound), new.status)
+        solved = verdict(frozen.motion.residual)
+        code = jnp.where(solved == status.CROWDED, solved, code)
         return eqx.tree_at(lambda s: s.status, new, code), ~accepted
 
     def _limit(self, state: State, sound):
@@ -210,9 +211,10 @@ def _inclinations(x) -> PerVesicle:
 def _accepted(state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Unknowns) -> State:
     """The state after a step from `state` to (t, y)."""
     motion = frozen.motion
-    code = jnp.where(motion.residual < 1e-6, status.RUNNING, status.SOLVE_FAILED)
-    code = jnp.where(_is_rough(equation, motion, y), status.UNRESOLVED, code)
-    code = jnp.where(jnp.isfinite(_max_norm((y.x, y.V_m))), code, status.NOT_FINITE)
+    code = verdict(motion.residual)
+    # Crowded interactions make the step NaN: say why.
+    finite = jnp.isfinite(_max_norm((y.x, y.V_m))) | (code == status.CROWDED)
+    code = jnp.where(finite, code, status.NOT_FINITE)
     return State(
         t,
         y,
@@ -224,21 +226,6 @@ def _accepted(state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Un
         state.rejected,
         jnp.int32(code),
     )
-
-
-def _is_rough(equation: Equation, motion: Motion, y: Unknowns) -> Array:
-    """Whether the shape has a rough spectrum, or wrinkles finer than the nodes resolve would grow in it.
-
-    Wrinkles may come and go between saved instants, and leave a smooth shape that is not the right one.
-    """
-    cut, N = equation.filter.x, y.x.shape[1]
-
-    def of_one(x, curve, sigma, bending):
-        finest = membrane.fastest_wrinkle(curve, sigma, bending)
-        return (fourier.spectral_tail(x, cut) > ROUGH) | (finest > N // 2 - cut)
-
-    rough = jax.vmap(of_one)(y.x, motion.surfaces.curves, motion.sigma, equation.scene.bending)
-    return lax.stop_gradient(jnp.any(rough))
 
 
 def initial_state(equation: Equation, march: AbstractMarch, average: Array | None = None) -> State:
@@ -273,7 +260,7 @@ class Checks(eqx.Module):
     `film`: of the estimated relative error of the drainage of a film thinner than the node spacing.
     """
 
-    tail: float = eqx.field(static=True, default=ROUGH)
+    tail: float = eqx.field(static=True, default=3e-3)
     film: float = eqx.field(static=True, default=0.1)
     drift: float = eqx.field(static=True, default=1e-2)
     steady: Scalar | None = None
@@ -290,7 +277,8 @@ class Checks(eqx.Module):
         area = jnp.max(jnp.abs(row["diagnostics/area"] / equation.area - 1))
         length = jnp.max(jnp.abs(row["diagnostics/length"] / (2 * np.pi * equation.speed) - 1))
         code = jnp.where(jnp.maximum(area, length) > self.drift, status.DRIFT, code)
-        code = jnp.where(row["diagnostics/residual"] > 1e-6, status.SOLVE_FAILED, code)
+        solved = verdict(row["diagnostics/residual"])
+        code = jnp.where(solved == status.RUNNING, code, solved)
         crossed = jnp.any(jax.vmap(lambda x: diagnostics.crosses_itself(Curve.from_nodes(x)))(y.x))
         code = jnp.where(crossed, status.SELF_CONTACT, code)
         if y.x.shape[0] > 1:
@@ -366,6 +354,7 @@ def simulate(
     average=None,
     checks: Checks | None = None,
     filter: Filter | None = None,
+    coupling: AbstractCoupling | None = None,
 ) -> Result:
     """Runs a scene to `t_end`, saving at `saves` equally spaced instants besides t = 0.
 
@@ -373,7 +362,9 @@ def simulate(
     under `jax.jit`, `jax.vmap`, `jax.jvp`, and with `Fixed` steps under `jax.grad`.
     """
     march = Adaptive() if march is None else march
-    equation = equation_for(scene, filter=filter, integrands=None if average is None else diagnostics.averaged)
+    equation = equation_for(
+        scene, filter=filter, coupling=coupling, integrands=None if average is None else diagnostics.averaged
+    )
     checks = Checks() if checks is None else checks
     state = initial_state(equation, march, average)
     first = observe(equation, state.t, state.y, state.angle)

@@ -18,10 +18,13 @@ from . import curve, diagnostics, fourier, marching, status, steppers, store
 from .arrays import NodePoints, Status, VesiclePoints
 from .build import build
 from .equation import Equation, Filter, Unknowns, equation_for
+from .interactions import AbstractCoupling, Pairwise
+from .linear import AbstractSolver, Dense
 from .marching import AbstractMarch, Adaptive, Checks, Fixed, State
 from .scene import Scene
 from .scenefile import parse
 from .scenetables import SceneFile
+from .summation import MatrixFree, coupling_for
 
 _STEPPERS = {"ark4": steppers.ARK4, "ark5": steppers.ARK5, "euler": steppers.SemiImplicitEuler}
 AUTO_NODES = (64, 96, 128, 192, 256)
@@ -55,6 +58,18 @@ def march_of(scene_file: SceneFile) -> AbstractMarch:
         return Adaptive(numerics.tolerance, stepper)
     steps = math.ceil(scene_file.t_end / scene_file.saves / numerics.time_step * (1 - 1e-12))
     return Fixed(steps, stepper)
+
+
+def solved_by(scene_file: SceneFile, scene: Scene) -> tuple[AbstractSolver | None, AbstractCoupling | None]:
+    """The solver of one membrane's charge and the coupling of several that `[numerics]` asks for."""
+    numerics = scene_file.numerics
+    M, N, _ = scene.x.shape
+    match numerics.solver:
+        case "dense":
+            return Dense(), Pairwise(direct=True)
+        case "matrix-free":
+            return None, MatrixFree(numerics.neighbours)
+    return None, coupling_for(M, N, numerics.neighbours)
 
 
 def starting_scene(scene_file: SceneFile) -> Scene:
@@ -117,13 +132,16 @@ def problem_of(scene_file: SceneFile, scene: Scene) -> Problem:
     average = None if scene_file.average is None else jnp.array(scene_file.average)
     march = march_of(scene_file)
     steady = None if scene_file.stop is None or scene_file.stop.steady is None else jnp.asarray(scene_file.stop.steady)
-    equation, stops, state = _started(scene, march, jnp.asarray(scene_file.t_end, dtype=float), average)
+    t_end = jnp.asarray(scene_file.t_end, dtype=float)
+    equation, stops, state = _started(scene, march, t_end, average, solved_by(scene_file, scene))
     return Problem(equation, march, Checks(steady=steady), stops, state)
 
 
 @eqx.filter_jit
-def _started(scene: Scene, march: AbstractMarch, t_end, average):
-    equation = equation_for(scene, integrands=None if average is None else diagnostics.averaged)
+def _started(scene: Scene, march: AbstractMarch, t_end, average, solved_by):
+    solver, coupling = solved_by
+    integrands = None if average is None else diagnostics.averaged
+    equation = equation_for(scene, solver=solver, coupling=coupling, integrands=integrands)
     return equation, marching.stops_of(scene, t_end, average), marching.initial_state(equation, march, average)
 
 
@@ -144,11 +162,17 @@ def awaited(tree):
 
 def reconstructed(record: store.Record, t: float) -> tuple[Equation, float, Unknowns]:
     """The equation of a result, and its state at the saved time nearest to t."""
-    scene = build(parse(tomllib.loads(record.scene)))
+    scene_file = parse(tomllib.loads(record.scene))
+    scene = build(scene_file)
     scene = eqx.tree_at(lambda s: s.x, scene, jnp.asarray(record.x[0]))
     row = int(np.argmin(np.abs(record.t - t)))
     V_m = None if record.V_m is None else jnp.asarray(record.V_m[row])
-    return _equation(scene), float(record.t[row]), Unknowns(jnp.asarray(record.x[row]), V_m)
+    solver, coupling = solved_by(scene_file, scene)
+    return (
+        _equation(scene, solver=solver, coupling=coupling),
+        float(record.t[row]),
+        Unknowns(jnp.asarray(record.x[row]), V_m),
+    )
 
 
 _equation = eqx.filter_jit(equation_for)

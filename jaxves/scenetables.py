@@ -153,13 +153,18 @@ class NumericsTable(Table):
 
     `nodes = "auto"` takes the fewest of 64, 96, 128, 192 and 256 with which the starting curves are resolved: the
     top of their spectra is below 1e-6 of the largest mode. The number then stays, and `/nodes` of the result tells it.
+
+    `solver`: "dense" factorises the systems that couple all membranes, "matrix-free" never forms a matrix of two
+    membranes unless they are near, "auto" goes by size. `neighbours` is the room for near pairs without matrices, per
+    vesicle on average; a run in need of more ends as "crowded".
     """
 
     nodes: NodeCount = 64
     tolerance: Tolerance | None = None  # 1e-4, unless there is a time_step
     time_step: Positive | None = None
     method: one_of("ark4", "ark5", "euler") = "ark4"
-    solver: one_of("auto", "dense") = "auto"
+    solver: one_of("auto", "dense", "matrix-free") = "auto"
+    neighbours: Count = 8
 
     @model_validator(mode="before")
     @classmethod

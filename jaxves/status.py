@@ -10,11 +10,12 @@ INTERRUPTED = 3
 UNRESOLVED = 4
 DRIFT = 5
 SOLVE_FAILED = 6
-SELF_CONTACT = 7
-COLLISION = 8
-STEP_UNDERFLOW = 9
-TOO_MANY_STEPS = 10
-NOT_FINITE = 11
+CROWDED = 7
+SELF_CONTACT = 8
+COLLISION = 9
+STEP_UNDERFLOW = 10
+TOO_MANY_STEPS = 11
+NOT_FINITE = 12
 RUNNING = -1
 
 WORDS = {
@@ -26,6 +27,7 @@ WORDS = {
     UNRESOLVED: "unresolved",
     DRIFT: "drift",
     SOLVE_FAILED: "solve failed",
+    CROWDED: "crowded",
     SELF_CONTACT: "self-contact",
     COLLISION: "collision",
     STEP_UNDERFLOW: "step underflow",
@@ -43,6 +45,7 @@ ADVICE = {
     "drift": "Area or perimeter left their values: lower the tolerance or the time step; "
     "a circle among others cannot be held in shape: take reduced_area = 0.999.",
     "solve failed": "A linear system was not solved to round-off: use more nodes or the dense solver.",
+    "crowded": "More vesicles are near one another than the matrix-free solver has room for: raise `neighbours`.",
     "self-contact": "Two parts of one membrane have crossed: use more nodes and a lower tolerance.",
     "collision": "Two membranes have crossed: use more nodes and a lower tolerance.",
     "step underflow": "The step fell below its limit: the tolerance is out of reach here; use more nodes or loosen it.",

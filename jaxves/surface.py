@@ -15,7 +15,7 @@ from . import curve as geometry
 from . import fourier
 from .arrays import VesicleNodes, VesiclePoints
 from .curve import Curve
-from .interactions import Interactions
+from .interactions import AbstractCoupling, AbstractInteractions
 from .potentials import laplace, stokes
 from .potentials.chords import Chords
 from .potentials.stokes import StokesBlocks
@@ -28,11 +28,11 @@ class Surfaces(eqx.Module):
     laplace_slp: Float[Array, "*batch N N"]
     stokes_slp: StokesBlocks
     laplace_slp_dn: Float[Array, "*batch N N"] | None
-    interactions: Interactions | None = None
+    interactions: AbstractInteractions | None = None
 
     @classmethod
-    def of(cls, x: VesiclePoints, *, electric: bool) -> "Surfaces":
-        """Geometry and kernels at nodes x; `electric` adds what only a field needs."""
+    def of(cls, x: VesiclePoints, *, electric: bool, coupling: AbstractCoupling | None = None) -> "Surfaces":
+        """Geometry and kernels at nodes x; `electric` adds what only a field needs, `coupling` the interactions."""
 
         def one(x):
             curve = Curve.from_nodes(x)
@@ -41,10 +41,10 @@ class Surfaces(eqx.Module):
             return cls(curve, S, stokes.slp(curve, chords, S), laplace.slp_dn(curve, chords) if electric else None)
 
         surfaces = jax.vmap(one)(x)
-        if x.shape[0] == 1:
+        if coupling is None:
             return surfaces
         with jax.named_scope("interactions"):
-            interactions = Interactions.of(surfaces.curves, electric=electric)
+            interactions = coupling.between(surfaces.curves, electric=electric)
         return eqx.tree_at(lambda s: s.interactions, surfaces, interactions, is_leaf=lambda leaf: leaf is None)
 
     def d_ds(self, f: Float[Array, "M N *rest"]) -> Float[Array, "M N *rest"]:

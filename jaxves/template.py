@@ -49,4 +49,6 @@ nodes = 64                   # of each vesicle; "auto": the fewest of 64 … 256
 tolerance = 1e-4             # of the error in time
 # time_step = 1e-3           # a fixed step instead
 method = "ark4"              # or "ark5" for tight tolerances, or "euler", the paper's, with a time_step
+# solver = "auto"            # of what couples vesicles: "dense", "matrix-free", or by size
+# neighbours = 8             # room for near pairs where no matrices are kept, per vesicle
 """

@@ -15,6 +15,7 @@ from experiments import (
     order_in_time,
     pop_and_budding,
     safeguards,
+    scale,
     shear,
     solvers,
     throughput,
@@ -115,3 +116,22 @@ def test_every_figure_of_the_table_exists_and_is_small():
     named = set(re.findall(r"figures/(\w+\.png)", (HERE / "README.md").read_text()))
     assert named == {path.name for path in (HERE / "figures").iterdir()}
     assert all((HERE / "figures" / name).stat().st_size < 150_000 for name in named)
+
+
+def test_vesicles_of_a_suspension_keep_their_distance():
+    x = np.asarray(scale.suspension(9, 64).x)
+    nearest = min(
+        np.min(np.linalg.norm(x[i][:, None] - x[j][None], axis=-1)) for i in range(9) for j in range(i + 1, 9)
+    )
+    assert scale.GAP <= nearest < 3 * scale.GAP
+
+
+@pytest.mark.slow
+def test_scale_steps_a_suspension_in_a_process_of_its_own():
+    found = scale.run(**scale.QUICK)
+    (row,) = found["rows"]
+    assert row["finite"]
+    assert row["residual"] < 1e-11
+    assert row["peak"] > row["planned"] > 0
+    assert found["pairs"]["near pair"] > found["pairs"]["single"]
+    scale.draw(found)

@@ -72,7 +72,7 @@ def test_near_and_far_rules_agree_where_both_hold():
     alpha = fourier.grid(N)
     f = jnp.stack([jnp.exp(jnp.sin(alpha)), jnp.cos(3 * alpha)], axis=-1)
     far, close = (
-        jax.jit(lambda rule=rule: rule(source, x, True))() for rule in (interactions._far, interactions._close)
+        jax.jit(lambda rule=rule: rule(source, x, True))() for rule in (interactions._far, interactions.close_matrices)
     )
     np.testing.assert_allclose(far[0] @ f, close[0] @ f, atol=1e-12)
     np.testing.assert_allclose(far[1] @ f[:, 0], close[1] @ f[:, 0], atol=1e-12)
