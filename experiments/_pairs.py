@@ -36,7 +36,7 @@ def scene(
 def resolved(nodes, film: float, t_end: float, saves: int, *, turned: float = 270.0, **parameters) -> dict:
     """The history of a pair with the first of `nodes` whose nodes resolve its film down to `film`, and its class.
 
-    Ends early once the class is known: the gap is below `film`, or the line of centres has turned by `turned` degrees.
+    Ends early once the class is known: in line with the gap below `film`, or turned by `turned` degrees.
     """
     for N in nodes:
         found = history(scene(N=N, **parameters), t_end, saves, thinnest=film, turned=turned)
@@ -57,15 +57,15 @@ def summary(found: dict) -> str:
     t, angle, gap = found["t"], found["angle"], found["min_gap"]
     tails = found["spectral_tail"].max(), found["tension_tail"].max()
     return (
-        f"{found['class']:11} {found['word']:10} N = {found['N']:3d}, {found['steps']:4d} steps, t = {t[-1]:5.2f}; "
+        f"{found['class']:11} {found['word']:10} N = {found['N']:3d}, t = {t[-1]:5.2f}; "
         f"angle {angle.min():6.0f} … {angle.max():4.0f}, last {angle[-1]:6.1f}; "
         f"gap {gap.min():.4f}, last {gap[-1]:.4f}; tails {tails[0]:.0e} {tails[1]:.0e}"
     )
 
 
 def stored(found: dict) -> dict:
-    """What of a history is worth storing: everything but the nodes."""
-    return {name: value for name, value in found.items() if name not in ("x", "V_m", "tension", "center")}
+    """What of a history is worth storing: numbers, but none of single nodes."""
+    return {name: value for name, value in found.items() if name not in ("x", "V_m", "tension", "center", "steps")}
 
 
 def history(
@@ -81,14 +81,17 @@ def history(
 ) -> dict:
     """Marches a pair; what happened, by name, saved times first.
 
-    Ends early ("settled") once the gap is below `thinnest` or the line of centres has turned by `turned` degrees.
+    Ends early ("settled") once the gap is below `thinnest` and the line of centres along the field to 3 degrees for
+    the last `together` saves, or once that line has turned by `turned` degrees.
     Angles in degrees: `angle` of the line of centres, followed in time, `dipole_angle` of each vesicle's dipole.
     """
     times = t_end * np.arange(1, saves + 1) / saves
 
     def settled(rows):
-        angle = _line(rows)[0]
-        return np.nanmin(rows["diagnostics/min_gap"]) < thinnest or abs(angle[-1] - angle[0]) > turned
+        angle, _ = _line(rows)
+        tilt = (angle[-together:] - np.rad2deg(FIELD) + 90) % 180 - 90
+        in_line = rows["diagnostics/min_gap"][-1] < thinnest and np.all(np.abs(tilt) < 3)
+        return in_line or abs(angle[-1] - angle[0]) > turned
 
     march = Adaptive(1e-4) if march is None else march
     state, rows, _ = _common.march(setting, march, times, checks=checks, together=together, until=settled)

@@ -1,11 +1,13 @@
 """How long does a given accuracy take, by scheme, and does the tolerance mean anything?
 
-    python -m experiments.convergence          # tables and figures, about fifteen minutes
+    python -m experiments.convergence          # table and figure, about half an hour on busy cores
+    python -m experiments.convergence POP      # this scene again; the stored numbers of the others stay
 
 Four scenes: prolate to oblate and back (POP), a budding vesicle through its narrowest neck, tank-treading in a field,
 and a pair. Error is the largest over the saved instants of the distance between the outlines, whatever their nodes,
 of V_m, and of the tension relative to its largest (`_distance`); the reference is a fifth-order solution with more
-nodes and a tolerance at least ten times tighter. Time is the median of warm runs, which take turns, one BLAS thread.
+nodes and a tolerance at least ten times tighter. Runs are warm, take turns and use one BLAS thread; "seconds" are the
+median of the processor's time, which other work on the machine disturbs less than the clock on the wall, "wall".
 
 "Euler" is the first-order scheme with a fixed step and nothing corrected, as in the paper; the others control their
 step and project. ARK2 and ARK3 are baselines that the package itself does not have (`_schemes`).
@@ -16,6 +18,8 @@ tolerance per step can bound the error of the run closer than that.
 """
 
 import itertools
+import json
+import sys
 import time
 
 import jax.numpy as jnp
@@ -28,7 +32,7 @@ from jaxves.marching import Adaptive, Checks
 from jaxves.scene import Scene, dc_field, make_scene
 from jaxves.steppers import ARK4, ARK5, SemiImplicitEuler
 
-from ._common import march, pop, save, store, styled, treading
+from ._common import HERE, march, pop, save, store, styled, treading
 from ._distance import distances
 from ._schemes import ARK2, ARK3, Even
 
@@ -66,16 +70,16 @@ def _tolerances(*last):
 # by scene and nodes: numbers of steps for Euler, tolerances for the others
 PLAN = {
     "POP": {
-        64: {"Euler": (500, 1000, 2000, 4000)} | _tolerances(6, 7, 7, 7),
-        96: _tolerances(None, None, 8, 8),
+        64: {"Euler": (500, 1000, 2000)} | _tolerances(5, 6, 7, 7),
+        96: _tolerances(None, None, 6, 8),
         256: {"ARK5": (1e-4, 1e-7)},
     },
-    "budding": {128: {"Euler": (1000, 2000)} | _tolerances(5, 6, 7, 7)},
+    "budding": {128: {"Euler": (1000, 2000)} | _tolerances(4, 5, 6, 7)},
     "tank-treading": {
-        64: {"Euler": (200, 400, 800, 1600)} | _tolerances(6, 7, 7, 7),
-        96: _tolerances(None, None, 8, 8),
+        64: {"Euler": (200, 400, 800)} | _tolerances(5, 6, 7, 7),
+        96: _tolerances(None, None, None, 8),
     },
-    "pair": {64: {"Euler": (200, 400, 800)} | _tolerances(5, 6, 7, 7)},
+    "pair": {64: {"Euler": (200, 400)} | _tolerances(4, 5, 6, 7)},
 }
 QUICK = dict(
     plan={"tank-treading": {32: {"Euler": (40,), "ARK4": (1e-3, 1e-4)}}},
@@ -101,34 +105,36 @@ def solve(name, N, method, shift=None):
 
 
 def timed(calls, repeats):
-    """What each call returned, and its seconds: `repeats` runs of each, in turns, after one that compiles."""
-    results = {key: call() for key, call in calls.items()}
-    seconds = {key: [] for key in calls}
+    """What each call returned, and medians of processor and wall seconds of `repeats` runs of each, in turns."""
+    results = {key: call() for key, call in calls.items()}  # compiles
+    seconds, wall = ({key: [] for key in calls} for _ in range(2))
     for _ in range(repeats):
         for key, call in calls.items():
-            start = time.perf_counter()
+            start = time.process_time(), time.perf_counter()
             call()
-            seconds[key].append(time.perf_counter() - start)
-    return results, {key: float(np.median(found)) for key, found in seconds.items()}
+            seconds[key].append(time.process_time() - start[0])
+            wall[key].append(time.perf_counter() - start[1])
+    return results, {key: (float(np.median(seconds[key])), float(np.median(wall[key]))) for key in calls}
 
 
 def against_time(name, N, schemes, reference, repeats):
-    """{scheme: {settings, steps, rejected, rates, seconds, shape, V_m, tension}}; NaN where a run broke down."""
+    """{scheme: {settings, steps, rejected, rates, seconds, wall, shape, V_m, tension}}; NaN where a run broke down."""
     saves = SCENES[name][2]
     keys = [(scheme, setting) for scheme, settings in schemes.items() for setting in settings]
     calls = {key: lambda key=key: solve(name, N, method_of(*key, saves)) for key in keys}
     results, seconds = timed(calls, repeats)
     found = {}
     for scheme, settings in schemes.items():
-        table = {"settings": list(settings), "steps": [], "rejected": [], "rates": [], "seconds": []}
-        table |= {part: [] for part in PARTS}
+        table = {"settings": list(settings)}
+        table |= {key: [] for key in ("steps", "rejected", "rates", "seconds", "wall", *PARTS)}
         for setting in settings:
             state, rows = results[scheme, setting]
             steps, rejected = int(state.steps), int(state.rejected)
             table["steps"].append(steps)
             table["rejected"].append(rejected)
             table["rates"].append(RATES[scheme] * steps + (RATES[scheme] - 1) * rejected)
-            table["seconds"].append(seconds[scheme, setting])
+            for kind, value in zip(("seconds", "wall"), seconds[scheme, setting], strict=True):
+                table[kind].append(value)
             apart = None if rows is None else distances(rows, reference)
             for part in PARTS:
                 table[part].append(np.nan if apart is None else float(np.max(apart[part])))
@@ -136,24 +142,24 @@ def against_time(name, N, schemes, reference, repeats):
     return found
 
 
-def amplification(name, N, reference, tolerance=1e-8, size=1e-5, seed=0):
+def amplification(name, N, reference, tolerance, size=1e-4, seed=0):
     """How much the run enlarges a smooth random displacement of its start: shape, by saved instant."""
-    modes = np.random.default_rng(seed).normal(size=(2, 6, 1 + (name == "pair")))
+    modes = np.random.default_rng(seed).normal(size=(2, 6))
 
     def shift(scene):
-        alpha = fourier.grid(N)
-        k = jnp.arange(6)[:, None]
-        bumps = jnp.einsum("ckm,ckn->mn", modes, jnp.stack([jnp.cos(k * alpha), jnp.sin(k * alpha)]))
+        k = jnp.arange(6)[:, None] * fourier.grid(N)
+        bumps = modes[0] @ jnp.cos(k) + modes[1] @ jnp.sin(k)
         bumps = size * bumps / jnp.max(jnp.abs(bumps))
-        normals = jnp.stack([Curve.from_nodes(x).normal for x in scene.x])
-        return Scene(scene.x + bumps[..., None] * normals, scene.bending, scene.field, scene.flow)
+        # the first vesicle alone: a displacement of all together would be none
+        moved = scene.x[0] + bumps[:, None] * Curve.from_nodes(scene.x[0]).normal
+        return Scene(scene.x.at[0].set(moved), scene.bending, scene.field, scene.flow)
 
     _, rows = solve(name, N, Adaptive(tolerance, ARK5()), shift)
     return distances(rows, reference)["shape"] / size
 
 
 def run(plan=None, references=None, repeats=3):
-    """{scene: {"reference": its distance to one ten times looser, "nodes": {N: {scheme: table}}}}."""
+    """{scene: {"reference": its distance to one ten times looser, "amplification", "nodes": {N: {scheme: table}}}}."""
     plan, references = plan or PLAN, references or {}
     found = {}
     for name, sizes in plan.items():
@@ -161,29 +167,32 @@ def run(plan=None, references=None, repeats=3):
         _, reference = solve(name, N, Adaptive(tolerance, ARK5()))
         _, looser = solve(name, N, Adaptive(10 * tolerance, ARK5()))
         apart = {part: float(np.max(value)) for part, value in distances(looser, reference).items()}
-        found[name] = {"reference": {"N": N, "tolerance": tolerance} | apart}
-        found[name]["nodes"] = {N: against_time(name, N, which, reference, repeats) for N, which in sizes.items()}
+        found[name] = {
+            "reference": {"N": N, "tolerance": tolerance} | apart,
+            "amplification": amplification(name, N, reference, max(10 * tolerance, 1e-7)),
+            "nodes": {str(N): against_time(name, N, which, reference, repeats) for N, which in sizes.items()},
+        }
     return found
 
 
 def seconds_for(table, error, part="shape"):
     """Seconds until `part` is right to `error`: log-log between the two runs about it, or beyond the last by its order.
 
-    Returns the seconds and the measured order (of the error in the time) that was used; NaN where the error is never
-    reached and does not fall.
+    Returns the seconds and, beyond the last run, the measured order in the steps that was used (else NaN); NaN twice
+    where the error is not reached and does not fall.
     """
-    points = [(e, s) for e, s in zip(table[part], table["seconds"], strict=True) if np.isfinite(e)]
-    for (e0, s0), (e1, s1) in itertools.pairwise(points):
+    runs = zip(table[part], table["seconds"], table["steps"], strict=True)
+    runs = [run for run in runs if np.isfinite(run[0])]
+    if runs and runs[0][0] <= error:
+        return runs[0][1], np.nan
+    for (e0, s0, _), (e1, s1, _) in itertools.pairwise(runs):
         if e0 >= error >= e1:
-            slope = np.log(s1 / s0) / np.log(e0 / e1)
-            return s0 * (e0 / error) ** slope, 1 / slope
-    if points and points[0][0] < error:
-        return points[0][1], np.nan
-    if len(points) < 2 or points[-1][0] >= points[-2][0]:
+            return s0 * (s1 / s0) ** (np.log(e0 / error) / np.log(e0 / e1)), np.nan
+    if len(runs) < 2 or runs[-1][0] >= runs[-2][0]:
         return np.nan, np.nan
-    (e0, s0), (e1, s1) = points[-2:]
-    slope = np.log(s1 / s0) / np.log(e0 / e1)
-    return s1 * (e1 / error) ** slope, 1 / slope
+    (e0, _, n0), (e1, seconds, n1) = runs[-2:]
+    order = np.log(e0 / e1) / np.log(n1 / n0)
+    return seconds * (e1 / error) ** (1 / order), order
 
 
 def tolerances(table):
@@ -209,20 +218,46 @@ def draw(found) -> Figure:
     return figure
 
 
-def main():
-    found = run()
+def report(found) -> None:
+    """Prints what `run` found, and what follows from it."""
     for name, scene in found.items():
-        print(f"{name}: reference {scene['reference']}")
+        print(
+            f"{name}: reference {scene['reference']}; a displacement grows {np.max(scene['amplification']):.1f} times"
+        )
         for N, schemes in scene["nodes"].items():
             for scheme, table in schemes.items():
-                print(f"  N = {N}, {scheme}: setting  steps  rejected  rates  seconds  shape    V_m      λ")
+                print(f"  N = {N}, {scheme}: setting    steps rejected    rates  seconds     wall  shape    V_m      λ")
                 for i, setting in enumerate(table["settings"]):
                     counts = "".join(f"{table[key][i]:9d}" for key in ("steps", "rejected", "rates"))
+                    times = "".join(f"  {table[key][i]:7.3f}" for key in ("seconds", "wall"))
                     errors = "".join(f"  {table[part][i]:.1e}" for part in PARTS)
-                    print(f"{setting:24.0e}{counts}  {table['seconds'][i]:7.3f}{errors}")
-    store("convergence", found)
+                    print(f"{setting:26.0e}{counts}{times}{errors}")
+                if scheme != "Euler":
+                    ratio, slope = tolerances(table)
+                    print(f"    error over tolerance {', '.join(f'{r:.2g}' for r in ratio)}; slope {slope:.2f}")
+    if "Euler" in (schemes := found.get("POP", {}).get("nodes", {}).get("64", {})):
+        euler, order = seconds_for(schemes["Euler"], 1e-4)
+        ours, _ = seconds_for(schemes["ARK4"], 1e-4)
+        print(
+            f"POP to 1e-4: {ours:.2f} s; Euler at its order {order:.2f} {euler:.0f} s, {euler / ours:.0f} times as long"
+        )
+        tables = [table for schemes in found["POP"]["nodes"].values() for table in schemes.values()]
+        least = [
+            min((seconds_for(table, e)[0] for table in tables if np.nanmin(table["shape"]) <= e), default=np.nan)
+            for e in (1e-4, 1e-7)
+        ]
+        print(f"POP, the fastest: 1e-4 in {least[0]:.2f} s, 1e-7 in {least[1]:.2f} s, {least[1] / least[0]:.1f} times")
+
+
+def main(names):
+    path = HERE / "data" / "convergence.json"
+    found = json.loads(path.read_text())["data"] if names and path.exists() else {}
+    for name in names or SCENES:
+        found |= run({name: PLAN[name]})
+        store("convergence", found)
+    report(found)
     save(draw(found), "convergence")
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -20,7 +20,7 @@ from jaxves.curve import Curve
 RATIOS = (0.1, 0.9)
 CONDUCTANCES = (0.0, 0.048, 0.096, 0.144, 0.192, 0.5, 1.0, 4.0)
 FILM = 0.03
-QUICK = dict(ratios=(0.1,), conductances=(0.5,), t_end=0.2, saves=4, nodes=(32,))
+QUICK = dict(ratios=(0.1,), conductances=(4.0,), t_end=0.5, saves=4, nodes=(32,))
 
 
 def run(ratios=RATIOS, conductances=CONDUCTANCES, t_end=12.0, saves=120, nodes=(64, 96)):

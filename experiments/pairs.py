@@ -22,15 +22,16 @@ RATIOS = (0.1, 0.3, 0.5, 1.0, 2.0, 5.0)
 CONDUCTANCES = (0.0, 0.1, 1.0, 10.0)
 FILM = 0.03
 COLORS = {"chain": "C0", "oscillation": "C4", "circulation": "C1", "repulsion": "C3", "open": "0.6"}
-QUICK = dict(ratios=(2.0,), conductances=(0.0,), nodes=(32,), ends={0.0: (0.2, 4)}, special=())
+QUICK = dict(ratios=(0.5, 2.0), conductances=(0.0,), nodes=(32,), ends={0.0: (0.5, 4)}, brief=(0.5, 4))
 
 
 def run(
     ratios=RATIOS,
     conductances=CONDUCTANCES,
     nodes=(64, 96, 128),
-    ends={0.0: (8.0, 80), 0.1: (12.0, 120), 1.0: (100.0, 200), 10.0: (100.0, 200)},  # noqa: B006
+    ends={0.0: (8.0, 160), 0.1: (8.0, 160), 1.0: (400.0, 800), 10.0: (400.0, 800)},  # noqa: B006
     special=(("aligned", 90.0, 3.2), ("side by side", 0.0, 2.0)),
+    brief=(1.0, 20),
 ):
     """{(Λ, G): history with class}, and those of two vesicles aligned and side by side (Λ = 0.5, G = 0)."""
     found = {}
@@ -38,9 +39,7 @@ def run(
         for ratio in ratios:
             found[ratio, G] = _pairs.resolved(nodes, FILM, *ends[G], conductivity_ratio=ratio, membrane_conductance=G)
     for name, offset, separation in special:
-        found[name] = _pairs.resolved(
-            nodes, FILM, 1.0, 20, conductivity_ratio=0.5, offset=offset, separation=separation
-        )
+        found[name] = _pairs.resolved(nodes, FILM, *brief, conductivity_ratio=0.5, offset=offset, separation=separation)
     return found
 
 

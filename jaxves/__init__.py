@@ -62,6 +62,14 @@ _LAYERS = {
     "hdf5": (),
     "store": (),
     "problem": (),
+    # derivatives and inverse problems
+    "steady": (),
+    "sensitivity": (),
+    "differences": (),
+    "gradcheck": (),
+    "critical_field": (),
+    "transforms": (),
+    "fit": (),
     "runner": ("run",),
     # sweeps: many cases of one scene
     "sweeptables": (),

@@ -23,7 +23,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from . import __version__, status, store, sweepfile, sweepstore, sweepsummary
 from .scenefile import SceneError, SceneFile, builtin_names, load, to_toml
 from .store import Record, StoreError
-from .summary import summary
+from .summary import derivatives, summary
 from .sweepstore import SweepRecord
 from .template import TEMPLATE
 
@@ -366,6 +366,34 @@ def _draw(record: Record, picture: Picture, at: float, target: Path) -> None:
 
             lines = plotting.field_lines if picture == Picture.field_lines else plotting.streamlines
             lines(*reconstructed(record, at)).savefig(target)
+
+
+@app.command("check-grad")
+def check_grad(
+    scene: Annotated[str, typer.Argument(help="A scene file (TOML), or the name of a built-in scene.")],
+    t_end: Annotated[float, typer.Option("--t-end", help="Where diagnostics are taken, in t_κ.")] = 0.02,
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Fixed steps until then.")] = 20,
+) -> None:
+    """Compare derivatives in all numbers of a scene: forward, reverse, differences. Exit status 3 if they disagree."""
+    try:
+        scene_file = load(scene)
+    except SceneError as error:
+        raise _refuse(error) from None
+    if not (math.isfinite(t_end) and t_end > 0):
+        raise _refuse(f"--t-end = {t_end}, expected a positive finite number.")
+    _keep_compiled()
+    from . import gradcheck
+
+    with _err.status("running") as said:
+        word = gradcheck.broken(scene_file, t_end, steps)
+        if word is not None:
+            _say(f"the run to be differentiated ends as {word}: give it more --steps or a smaller --t-end.")
+            raise typer.Exit(BROKE_DOWN)
+        rows = list(gradcheck.check(scene_file, t_end, steps, progress=said.update))
+    for part in derivatives(rows):
+        _out.print(part)
+    if any(row.verdict == "DISAGREE" for row in rows):
+        raise typer.Exit(BROKE_DOWN)
 
 
 @app.command()

@@ -59,7 +59,7 @@ QUANTITIES = {
     "charge": Quantity("E_inf a", "∮ q ds", _EACH),
     "max_V_m": Quantity("E_inf a", "largest |V_m|, which electroporation depends on", _EACH),
     "torque": Quantity("kappa_B/a", "electric torque about the centroid", _EACH),
-    "traction_ratio": Quantity("1", "∮ |f_el·t| ds / ∮ |f_el·n| ds", _EACH),
+    "traction_ratio": Quantity("1", "∮ |f_el·t| ds / ∮ |f_el·n| ds, zero without traction", _EACH),
     "min_gap": Quantity("a", "least distance between two membranes", _RUN),
     "film_error": Quantity("1", "estimated relative error of the drainage of the thinnest film", _RUN),
     "separation": Quantity("a", "distance of the centres of two vesicles", _RUN),
@@ -218,7 +218,7 @@ def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
     arm = curve.x - geometry.centroid(curve)
     weights = curve.weights
     tangential = jnp.abs(jnp.sum(f_el * curve.tangent, axis=-1))
-    normal = jnp.abs(jnp.sum(f_el * curve.normal, axis=-1))
+    across = jnp.sum(jnp.abs(jnp.sum(f_el * curve.normal, axis=-1)) * weights)
     dipole = jnp.sum((q[:, None] * arm - V_m[:, None] * curve.normal) * weights[:, None], axis=0)
     return {
         "dipole": dipole,
@@ -226,7 +226,7 @@ def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
         "charge": jnp.sum(q * weights),
         "max_V_m": jnp.max(jnp.abs(V_m)),
         "torque": jnp.sum(weights * (arm[:, 0] * f_el[:, 1] - arm[:, 1] * f_el[:, 0])),
-        "traction_ratio": jnp.sum(tangential * weights) / jnp.sum(normal * weights),
+        "traction_ratio": jnp.sum(tangential * weights) / jnp.where(across > 0, across, 1.0),
     }
 
 

@@ -17,13 +17,15 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from . import curve as geometry
-from . import diagnostics, membrane, status
+from . import diagnostics, fourier, membrane, status
 from .arrays import PerVesicle, Scalar, Status, as_float
 from .curve import Curve
-from .equation import Equation, Filter, Frozen, Unknowns, equation_for, verdict
+from .equation import Equation, Filter, Frozen, Motion, Unknowns, equation_for, verdict
 from .interactions import AbstractCoupling
 from .scene import Scene
 from .steppers import ARK4, AbstractStepper
+
+ROUGH = 3e-3  # top of the spectrum over its largest mode: beyond it nothing is resolved
 
 
 class Window(eqx.Module):
@@ -212,6 +214,7 @@ def _accepted(state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Un
     """The state after a step from `state` to (t, y)."""
     motion = frozen.motion
     code = verdict(motion.residual)
+    code = jnp.where((code == status.RUNNING) & _is_rough(equation, motion, y), status.UNRESOLVED, code)
     # Crowded interactions make the step NaN: say why.
     finite = jnp.isfinite(_max_norm((y.x, y.V_m))) | (code == status.CROWDED)
     code = jnp.where(finite, code, status.NOT_FINITE)
@@ -226,6 +229,21 @@ def _accepted(state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Un
         state.rejected,
         jnp.int32(code),
     )
+
+
+def _is_rough(equation: Equation, motion: Motion, y: Unknowns) -> Array:
+    """Whether the shape has a rough spectrum, or wrinkles finer than the nodes resolve would grow in it.
+
+    Wrinkles may come and go between saved instants, and leave a smooth shape that is not the right one.
+    """
+    cut, N = equation.filter.x, y.x.shape[1]
+
+    def of_one(x, curve, sigma, bending):
+        finest = membrane.fastest_wrinkle(curve, sigma, bending)
+        return (fourier.spectral_tail(x, cut) > ROUGH) | (finest > N // 2 - cut)
+
+    rough = jax.vmap(of_one)(y.x, motion.surfaces.curves, motion.sigma, equation.scene.bending)
+    return lax.stop_gradient(jnp.any(rough))
 
 
 def initial_state(equation: Equation, march: AbstractMarch, average: Array | None = None) -> State:
@@ -260,7 +278,7 @@ class Checks(eqx.Module):
     `film`: of the estimated relative error of the drainage of a film thinner than the node spacing.
     """
 
-    tail: float = eqx.field(static=True, default=3e-3)
+    tail: float = eqx.field(static=True, default=ROUGH)
     film: float = eqx.field(static=True, default=0.1)
     drift: float = eqx.field(static=True, default=1e-2)
     steady: Scalar | None = None

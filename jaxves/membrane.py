@@ -45,3 +45,12 @@ def bending_force(curve: Curve, bending: Scalar) -> NodePoints:
 def bending_energy(curve: Curve, bending: Scalar) -> Scalar:
     """(κ_B/2) ∮ κ² ds."""
     return 0.5 * bending * jnp.sum(curve.curvature**2 * curve.weights)
+
+
+def fastest_wrinkle(curve: Curve, sigma: Nodes, bending: Scalar) -> Scalar:
+    """Periods along the membrane of the wrinkle that grows fastest where compression is strongest; 0 without any.
+
+    Of a plane membrane the wave q grows at (-σ q - κ_B q³)/4, most at q² = -σ/3κ_B.
+    """
+    compression = jnp.maximum(-jnp.min(sigma), 0.0)
+    return jnp.mean(curve.speed) * jnp.sqrt(compression / (3 * bending))

@@ -4,7 +4,7 @@ Nothing here imports JAX.
 """
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -84,3 +84,18 @@ def _quantities(record: Record) -> Table:
             cells = (column[0], column[-1], column.min(), column.max())
             table.add_row(label, *(f"{cell:.6g}" for cell in cells))
     return table
+
+
+def derivatives(rows: Sequence) -> Iterator[RenderableType]:
+    """The rows of `gradcheck.check` as a table, and what they come to."""
+    columns = ("number", "diagnostic", "forward", "reverse", "differences", "modes", "deviation", "± itself", "")
+    table = Table(*columns, box=None, padding=(0, 2, 0, 0))
+    for row in rows:
+        values = (row.forward, row.reverse, row.differences)
+        cells = [*(f"{value:.8g}" for value in values), *(f"{part:.0e}" for part in row[5:8])]
+        skipped = np.isnan(row.forward) and row.quantity == "all"
+        table.add_row(row.number, row.quantity, *(["–"] * 6 if skipped else cells), row.verdict)
+    yield table
+    wrong = sum(row.verdict == "DISAGREE" for row in rows)
+    agree = sum(row.verdict == "agree" for row in rows)
+    yield f"{agree} of {len(rows)} agree, {wrong} disagree; deviations are relative, worst component of a diagnostic"

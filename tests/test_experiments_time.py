@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from conftest import star
 
-from experiments import convergence
+from experiments import convergence, long_run, stability
 from experiments._distance import distances
 from experiments._schemes import ARK2, ARK3
 from jaxves import fourier
@@ -53,18 +53,45 @@ def test_the_baselines_satisfy_their_order_conditions():
 
 
 def test_seconds_for_an_error_lie_between_two_runs_or_follow_the_order():
-    table = {"shape": [1e-2, 1e-4], "seconds": [1.0, 10.0]}  # order 2
-    for error, seconds in ((1e-3, np.sqrt(10)), (1e-6, 100.0)):
-        found, order = convergence.seconds_for(table, error)
-        np.testing.assert_allclose([found, order], [seconds, 2.0])
-    stuck = {"shape": [1e-2, 1e-2], "seconds": [1.0, 10.0]}
+    table = {"shape": [1e-2, 1e-4], "seconds": [1.0, 10.0], "steps": [100, 1000]}  # order 2
+    np.testing.assert_allclose(convergence.seconds_for(table, 1e-3)[0], np.sqrt(10))
+    np.testing.assert_allclose(convergence.seconds_for(table, 1e-6), (100.0, 2.0))
+    stuck = table | {"shape": [1e-2, 1e-2]}
     assert np.isnan(convergence.seconds_for(stuck, 1e-3)[0])
 
 
 def test_convergence_compares_schemes_with_one_reference():
     found = convergence.run(**convergence.QUICK)["tank-treading"]
-    tables = found["nodes"][32]
+    tables = found["nodes"]["32"]
     assert found["reference"]["shape"] < 1e-4
     assert tables["ARK4"]["shape"][1] < tables["ARK4"]["shape"][0] < 1e-2 * tables["Euler"]["shape"][0]
     assert tables["ARK4"]["rates"][0] >= 6 * tables["ARK4"]["steps"][0]
     convergence.draw({"tank-treading": found})
+
+
+def test_stability_finds_the_usual_right_and_says_where_it_stops():
+    """β/χ = 32000 compresses the membrane until it wrinkles more finely than any node spacing."""
+    found = stability.run(**stability.QUICK)["field"]
+    usual, wrinkled = found["N=32"], found["χ=0.0001 N=32"]
+    assert usual["verdict"] == "right"
+    assert 0 < usual["error"] < 1e-3
+    assert (wrinkled["verdict"], wrinkled["word"]) == ("stopped", "unresolved")
+    stability.draw({"field": found})
+
+
+def test_labels_name_what_is_unusual_and_times_shrink_with_what_is_fast():
+    assert stability.Cell().label() == "usual"
+    assert stability.Cell(conductivity_ratio=np.inf, Ca=10.0).label() == "Λ=inf Ca=10"
+    assert stability.Cell(Ca=1000.0).t_end() == 0.02
+    assert stability.Cell(chi=0.01, beta=100.0).t_end() == 0.005
+    cells = [cell for cells in stability.GROUPS.values() for cell in cells]
+    assert len({cell.label() for cell in cells}) == len(cells) >= 60
+
+
+def test_a_long_run_keeps_area_perimeter_and_spacing():
+    found = long_run.run(**long_run.QUICK)
+    (row,) = found.values()
+    assert row["status"] == "complete"
+    assert row["steps"] == 80
+    assert max(row["area"], row["length"]) < 1e-7
+    assert 0 < row["inclination"] < 0.1

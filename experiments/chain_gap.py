@@ -1,0 +1,124 @@
+"""Does the gap in a chain close exponentially in time, as the paper says, or like a power of it?
+
+    python -m experiments.chain_gap                # hours: table, figures/chain_gap.png, data/chain_gap.json
+    python -m experiments.chain_gap 96 128         # with these nodes only, minutes
+
+Λ = 0.1, G = 0, Δ = 0.9, β = 3.2; tolerance 1e-4. Each run goes on to t = 10 or until its nodes no longer resolve the
+film. Two laws are fitted to the finest of them from where the gap is 0.06 on: d = d₀ e^{-rt} and d = d₀ (t - t₀)^{-p},
+least squares in log d; the error of r and p is the spread of fits to the two halves. The same chain without close
+evaluation, by the trapezoidal rule alone, shows what that is for.
+
+What to expect: neither law is exact; the local rate -d'/d says which is closer.
+"""
+
+import sys
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.optimize import least_squares
+
+from experiments import _common, _pairs
+from jaxves import interactions, plot
+
+SIZES = (128, 192, 256)
+START = 0.06  # the gap from which on the laws are fitted
+QUICK = dict(sizes=(32,), t_end=0.1, saves=4, plain=())
+
+
+def run(sizes=SIZES, t_end=10.0, saves=200, plain=(64,)):
+    """{N: history}, {"plain N": history without close evaluation}, and the fits to the finest."""
+    found = {N: _pairs.history(_pairs.scene(0.1, N=N), t_end, saves) for N in sizes}
+    for N in plain:
+        found[f"plain {N}"] = without_close_evaluation(N, t_end, saves)
+    finest = found[max(sizes)]
+    late = np.flatnonzero((finest["min_gap"] < START) & (finest["t"] > finest["t"][np.argmax(finest["min_gap"])]))
+    return found, laws(finest["t"][late], finest["min_gap"][late]) if len(late) > 8 else {}
+
+
+def without_close_evaluation(N: int, t_end: float, saves: int) -> dict:
+    """The history by the trapezoidal rule at any distance."""
+    near, interactions.NEAR = interactions.NEAR, -0.5  # no pair is nearer than this
+    try:
+        # Another count of saves a call: what was compiled for the other rule must not be taken.
+        return _pairs.history(_pairs.scene(0.1, N=N), t_end, saves, together=8)
+    finally:
+        interactions.NEAR = near
+
+
+def exponential(t, gap):
+    """Rate, and the root mean square residual of log d."""
+    slope, level = np.polyfit(t, np.log(gap), 1)
+    return -slope, float(np.sqrt(np.mean((np.log(gap) - level - slope * t) ** 2)))
+
+
+def power(t, gap):
+    """Exponent p and t₀ of (t - t₀)^-p, and the residual."""
+
+    def residual(unknowns):
+        level, p, t_0 = unknowns
+        return np.log(gap) - level + p * np.log(t - t_0)
+
+    best = least_squares(residual, (0.0, 2.0, t[0] - 1.0), bounds=([-np.inf, 0, -np.inf], [np.inf, 50, t[0] - 1e-3]))
+    return best.x[1], best.x[2], float(np.sqrt(np.mean(best.fun**2)))
+
+
+def laws(t, gap) -> dict:
+    """Both laws on the whole and on its halves, and the local rate -d'/d at the beginning and the end."""
+    halves = np.array_split(np.arange(len(t)), 2)
+    rates = [exponential(t[half], gap[half])[0] for half in halves]
+    exponents = [power(t[half], gap[half])[0] for half in halves]
+    rate, misfit = exponential(t, gap)
+    exponent, t_0, power_misfit = power(t, gap)
+    local = -np.gradient(np.log(gap), t)
+    return {
+        "from": (t[0], gap[0]),
+        "to": (t[-1], gap[-1]),
+        "exponential": {"rate": rate, "error": abs(rates[1] - rates[0]) / 2, "halves": rates, "misfit": misfit},
+        "power": {
+            "exponent": exponent, "error": abs(exponents[1] - exponents[0]) / 2, "halves": exponents, "t_0": t_0,
+            "misfit": power_misfit,
+        },
+        "local rate": (local[1], local[len(t) // 2], local[-2]),
+    }  # fmt: skip
+
+
+def draw(found, fits) -> Figure:
+    """The gap against time with both laws, and its local rate against the gap."""
+    figure = Figure(figsize=(plot.PAGE, 2.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for name, case in found.items():
+        t, gap = case["t"], case["min_gap"]
+        plain = isinstance(name, str)
+        style = dict(ls=":", color="0.5") if plain else {}
+        label = f"trapezoidal, N = {name.split()[1]}" if plain else f"N = {name}"
+        left.semilogy(t, gap, lw=1.0, label=label, **style)
+        if not plain:
+            thin = gap < 0.2
+            right.loglog(gap[thin], -np.gradient(np.log(gap[thin]), t[thin]), lw=1.0)
+    if fits:
+        t = np.linspace(fits["from"][0], fits["to"][0], 100)
+        left.semilogy(t, fits["from"][1] * np.exp(-fits["exponential"]["rate"] * (t - t[0])), "k--", lw=0.7)
+        p, t_0 = fits["power"]["exponent"], fits["power"]["t_0"]
+        left.semilogy(t, fits["from"][1] * ((t - t_0) / (t[0] - t_0)) ** -p, "k-.", lw=0.7)
+    left.set(xlabel=r"$t/t_\kappa$", ylabel="gap $/a$")
+    right.set(xlabel="gap $/a$", ylabel=r"$-d'/d\ (1/t_\kappa)$")
+    left.legend()
+    return figure
+
+
+def main(sizes=SIZES):
+    found, fits = run(sizes)
+    for name, case in found.items():
+        gaps = ", ".join(
+            f"{np.interp(t, case['t'], case['min_gap']):.5f}" for t in (3, 4, 5, 6, 8, 10) if t <= case["t"][-1]
+        )
+        print(f"{name}: {case['word']} at t = {case['t'][-1]:.2f} after {case['steps']} steps; gap at 3, 4, …: {gaps}")
+    for name, value in fits.items():
+        print(name, value)
+    stored = {str(name): _pairs.stored(case) for name, case in found.items()}
+    _common.store("chain_gap", {"histories": stored, "fits": fits})
+    _common.save(_common.styled(draw)(found, fits), "chain_gap")
+
+
+if __name__ == "__main__":
+    main(tuple(int(N) for N in sys.argv[1:]) or SIZES)

@@ -1,0 +1,133 @@
+"""At which field does a vesicle stop staying prolate, and how does that depend on everything else?
+
+    python -m experiments.critical_field          # tables and a figure, about twenty minutes
+
+Λ = 0.1, χ = 0.08, a vesicle along the field. β₀ at G = 0 for Δ = 0.9, 0.8, 0.6, starting from an ellipse and from the
+shape at rest, with its discretisation error and its derivatives; then β₀(Δ) and β₀(G). The paper's 1.9, 2.6, 5.1 are
+read off its phase diagram.
+
+What to expect: derivatives -(∂_p Q)/(∂_β Q) that agree for all quantities Q once the vesicle has lingered, because
+then all small changes lie along the one unstable direction. At G = 0 the least deformation is steep at β₀, not
+discontinuous: the field that holds the vesicle at the saddle fades as the membrane charges. Slopes of the curves
+themselves are drawn as tangents from the derivatives.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxves import critical_field as critical
+from jaxves import plot
+from jaxves.scenefile import parse
+
+from ._common import save, store, styled
+
+PAPER = {0.9: 1.9, 0.8: 2.6, 0.6: 5.1}
+QUICK = dict(cases={0.9: (1.5, 1.8)}, starts=("ellipse",), areas={}, conductances={}, N=32, tolerance=1e-4, late=2)
+CASES = {0.9: (1.45, 1.8), 0.8: (1.8, 2.9), 0.6: (3.2, 5.6)}
+AREAS = {0.95: (1.0, 1.6), 0.85: (1.6, 2.4), 0.75: (2.1, 3.3), 0.7: (2.4, 3.9), 0.65: (2.8, 4.7)}
+CONDUCTANCES = {0.05: (1.4, 1.8), 0.1: (1.3, 1.7), 0.2: (1.1, 1.6), 0.3: (1.0, 1.5)}
+
+
+def scene(reduced_area, *, start="ellipse", conductance=0.0, N=64, tolerance=1e-6, t_end=1.5, saves=75):
+    """One vesicle along a field whose strength is sought."""
+    vesicle = {"reduced_area": reduced_area, "angle": 90.0, "relaxed": start == "relaxed"}
+    field = {"beta": 1.0, "conductivity_ratio": 0.1, "membrane_conductance": conductance}
+    numerics = {"nodes": N, "tolerance": tolerance}
+    return parse({"t_end": t_end, "saves": saves, "vesicle": [vesicle], "field": field, "numerics": numerics})
+
+
+def one(setting, bracket, late, *, errors=True):
+    """β₀, its discretisation error, and slopes up to `late` times the instant of least deformation."""
+    found = critical.critical_field(setting, bracket)
+    slopes = critical.slopes(setting, found.beta, late * found.instant, saves=8)
+    out = found._asdict() | {"slopes": slopes._asdict()}
+    return out | (critical.discretisation_error(setting, found.beta)._asdict() if errors else {})
+
+
+def run(
+    cases=CASES,
+    starts=("ellipse", "relaxed"),
+    areas=AREAS,
+    conductances=CONDUCTANCES,
+    N=64,
+    tolerance=1e-6,
+    late=1.4,
+):
+    """By start and Δ: β₀ with errors and slopes; β₀ and slopes along Δ at G = 0, and along G at Δ = 0.9."""
+    kinds = dict(N=N, tolerance=tolerance)
+    table = {
+        start: {area: one(scene(area, start=start, **kinds), bracket, late) for area, bracket in cases.items()}
+        for start in starts
+    }
+    along_area = {area: one(scene(area, **kinds), bracket, late, errors=False) for area, bracket in areas.items()}
+    # With conductance the saddle lasts: more time to leave it.
+    along_conductance = {
+        G: one(scene(0.9, conductance=G, t_end=3.0, saves=150, **kinds), bracket, late, errors=False)
+        for G, bracket in conductances.items()
+    }
+    return {"cases": table, "along Δ": along_area, "along G": along_conductance}
+
+
+def slope(row, name):
+    """dβ₀/d`name`, and the largest deviation of the other quantities at the last instant from it."""
+    last = {key: values[-1] for key, values in row["slopes"]["ratios"][name].items()}
+    value = last["deformation_along_field"]
+    return value, max(abs(other - value) for other in last.values())
+
+
+@styled
+def draw(found) -> Figure:
+    """β₀ along Δ and along G with tangents from the derivatives; the ratios against time."""
+    figure = Figure(figsize=(plot.PAGE, 2.6))
+    left, middle, right = figure.subplots(1, 3)
+    ellipse = found["cases"]["ellipse"]
+    by_area = dict(sorted((ellipse | found["along Δ"]).items()))
+    by_conductance = {0.0: ellipse[0.9]} | found["along G"]
+    for axes, curve, name in (
+        (left, by_area, "vesicle.reduced_area"),
+        (middle, by_conductance, "field.membrane_conductance"),
+    ):
+        places = np.array(list(curve))
+        axes.plot(places, [row["beta"] for row in curve.values()], "o", ms=3, label="ellipse")
+        reach = 0.35 * np.min(np.diff(places)) if len(places) > 1 else 0.02
+        for place, row in curve.items():
+            ends = place + reach * np.array([-1, 1])
+            axes.plot(ends, row["beta"] + slope(row, name)[0] * (ends - place), color="C1", lw=1)
+    relaxed = found["cases"].get("relaxed", {})
+    left.plot(list(relaxed), [row["beta"] for row in relaxed.values()], "s", ms=3, mfc="none", label="at rest")
+    left.plot(list(PAPER), list(PAPER.values()), "k+", ms=7, label="paper, as drawn")
+    left.set(xlabel="Δ", ylabel=r"$\beta_0$ at $G=0$")
+    left.legend()
+    middle.set(xlabel="G", ylabel=r"$\beta_0$ at $\Delta=0.9$")
+    row = ellipse[0.9]
+    for key, values in row["slopes"]["ratios"]["field.conductivity_ratio"].items():
+        right.plot(row["slopes"]["t"], values, "o-", ms=2.5, label=key.replace("_", " "))
+    right.axvline(row["instant"], color="0.6", lw=0.8)
+    right.set(xlabel="t", ylabel=r"$-\partial_\Lambda Q/\partial_\beta Q$", ylim=(0, 30))
+    right.legend()
+    return figure
+
+
+def main():
+    found = run()
+    names = {"vesicle.reduced_area": "Δ", "field.conductivity_ratio": "Λ", "field.membrane_conductance": "G",
+             "field.chi": "χ"}  # fmt: skip
+
+    def show(label, row):
+        errors = f" nodes {row['nodes']:.0e}, step {row['step']:.0e}" if "nodes" in row else ""
+        text = "  ".join("dβ₀/d{} = {:.3f} ± {:.0e}".format(names[name], *slope(row, name)) for name in names)
+        print(f"{label:22} β₀ = {row['beta']:.6f}{errors}  at t = {row['instant']:.3f}  {text}")
+
+    for start, rows in found["cases"].items():
+        for area, row in rows.items():
+            show(f"{start}, Δ = {area} ({PAPER[area]})", row)
+    for area, row in found["along Δ"].items():
+        show(f"Δ = {area}", row)
+    for G, row in found["along G"].items():
+        show(f"Δ = 0.9, G = {G}", row)
+    store("critical_field", found)
+    save(draw(found), "critical_field")
+
+
+if __name__ == "__main__":
+    main()

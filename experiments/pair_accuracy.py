@@ -1,0 +1,92 @@
+"""To how many digits are the places of two vesicles known?
+
+    python -m experiments.pair_accuracy          # half an hour: table, data/pair_accuracy.json
+
+A circulating pair (Λ = 0.5, G = 0) at t = 5 and a chain (Λ = 0.1, G = 0) at t = 4.5, its gap a few hundredths, each
+against a run with more nodes and a lower tolerance; and the circulating pair with its vesicles numbered the other
+way round, which changes nothing but round-off, and turned by 0.7 with its field, which also changes the steps, since
+their size follows the errors of components.
+
+What to expect: centres and angles of the circulating pair to 1e-6, those of the chain, and its gap, to 1e-4.
+"""
+
+import equinox as eqx
+import numpy as np
+
+from experiments import _common, _pairs
+from jaxves.marching import Adaptive
+from jaxves.steppers import ARK4, ARK5
+
+CASES = {  # Λ, end, (nodes, tolerance) and those of the finer run
+    "circulating": (0.5, 5.0, (96, 1e-7), (128, 2e-8)),
+    "chain": (0.1, 4.5, (96, 1e-6), (128, 3e-7)),
+}
+TURN = 0.7
+ROTATION = np.array([[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]])  # of rows, from the right
+QUICK = dict(cases={"circulating": (0.5, 0.5, (32, 1e-3), (32, 1e-5))}, symmetries=(32, 0.5), saves=4, stepper=ARK4())
+
+
+def run(cases=CASES, symmetries=(64, 5.0), saves=10, stepper=ARK5()):  # noqa: B008
+    """{case: differences and steps}; `symmetries`: nodes and end of the runs which are numbered anew and turned."""
+    found = {}
+    for name, (ratio, t_end, *both) in cases.items():
+        coarse, fine = (
+            _pairs.history(_pairs.scene(ratio, N=N), t_end, saves, march=Adaptive(tolerance, stepper))
+            for N, tolerance in both
+        )
+        found[name] = difference(coarse, fine) | {
+            "words": (coarse["word"], fine["word"]),
+            "steps": (coarse["steps"], fine["steps"]),
+            "cases": both,
+            "gap at the end": float(fine["min_gap"][-1]),
+        }
+    N, t_end = symmetries
+    base, swapped, turned = (_pairs.history(setting, t_end, saves) for setting in same_scenes(_pairs.scene(0.5, N=N)))
+    found["numbered anew"] = difference(base, {**swapped, "center": swapped["center"][:, ::-1]}) | {
+        "inclination": angle_between(base["inclination"][-1], swapped["inclination"][-1][::-1])
+    }
+    found["turned"] = difference(base, {**turned, "center": turned["center"] @ ROTATION.T}) | {
+        "inclination": angle_between(base["inclination"][-1] + TURN, turned["inclination"][-1])
+    }
+    return found
+
+
+def same_scenes(setting):
+    """The scene itself, with its vesicles numbered the other way round, and turned by TURN with its field."""
+    swapped = eqx.tree_at(lambda s: s.x, setting, setting.x[::-1])
+    turned = eqx.tree_at(
+        lambda s: (s.x, s.field.direction),
+        setting,
+        (setting.x @ ROTATION, setting.field.direction @ ROTATION),
+    )
+    return setting, swapped, turned
+
+
+def angle_between(a, b) -> float:
+    """The greatest angle between axes of these directions."""
+    return float(np.max(np.abs((a - b + 0.5 * np.pi) % np.pi - 0.5 * np.pi)))
+
+
+def difference(a: dict, b: dict) -> dict:
+    """Between two histories at the end: of the centres, the inclinations (radians), and the relative one of the gap."""
+    return {
+        "t": float(a["t"][-1]),
+        "center": float(np.max(np.abs(a["center"][-1] - b["center"][-1]))),
+        "inclination": angle_between(a["inclination"][-1], b["inclination"][-1]),
+        "gap": float(abs(a["min_gap"][-1] / b["min_gap"][-1] - 1)),
+    }
+
+
+def main():
+    found = run()
+    for name, case in found.items():
+        print(
+            f"{name}, t = {case['t']:g}: centres {case['center']:.1e}, inclinations {case['inclination']:.1e}, "
+            f"gap {case['gap']:.1e}",
+            *(f"; {key} {case[key]}" for key in ("words", "steps", "cases", "gap at the end") if key in case),
+        )
+    _common.store("pair_accuracy", found)
+
+
+if __name__ == "__main__":
+    main()

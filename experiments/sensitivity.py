@@ -1,0 +1,172 @@
+"""How does the viscosity of tank-treading vesicles depend on everything, and are the derivatives right?
+
+    python -m experiments.sensitivity          # tables and a figure, about ten minutes
+
+G = 4, β = 6.4, Ca = 10, Δ = 0.9, Λ = 0.1, as in the paper's rheology: the steady shape, from there along Λ, β and Δ
+with Newton's method alone, and at every point ∂[μ]/∂Λ, ∂[μ]/∂β, ∂[μ]/∂Δ from the implicit function theorem. Beside
+them the slopes of a spline through the computed curve. Then every number of scenes with one vesicle, in shear, and two,
+close to each other: forward against reverse mode against differences (`jaxves check-grad` prints that of any scene).
+
+What to expect: slopes of the curves equal the derivatives to what a spline through so few points is worth; forward and
+reverse agree to 1e-8, forward and differences to 1e-6.
+"""
+
+import time
+
+import equinox as eqx
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.interpolate import CubicSpline
+
+from jaxves import gradcheck, plot, sensitivity
+from jaxves.equation import Unknowns
+from jaxves.marching import Adaptive, simulate
+from jaxves.parameters import scene_of
+from jaxves.scenefile import parse
+from jaxves.steady import steady
+
+from ._common import save, store, styled
+
+CENTRE = {"field.conductivity_ratio": 0.1, "field.beta": 6.4, "vesicle.reduced_area": 0.9}
+SYMBOLS = dict(zip(CENTRE, "ΛβΔ", strict=True))
+ALONG = {
+    "field.conductivity_ratio": np.geomspace(0.02, 10.0, 13),
+    "field.beta": np.linspace(1.6, 9.6, 11),
+    "vesicle.reduced_area": np.linspace(0.82, 0.96, 11),
+}
+CLOSE = {"vesicle": [{"reduced_area": 0.9, "angle": 90.0}], "pair": {"separation": 1.75, "offset_angle": 10.0}}
+ONE = {"vesicle": [{"reduced_area": 0.9, "angle": 80.0}]}
+FIELD = {"field": {"beta": 3.2, "conductivity_ratio": 0.1, "membrane_conductance": 0.5}}
+SHEAR = {"flow": {"kind": "shear", "capillary_number": 10.0}}
+SCENES = {"single": ONE | FIELD, "sheared": ONE | FIELD | SHEAR, "close pair": CLOSE | FIELD}
+QUICK = dict(along={"field.beta": np.linspace(5.6, 7.2, 3)}, N=32, t_end=0.5, scenes={})
+
+
+def treading(N):
+    """The paper's vesicle in shear and field."""
+    field = {"beta": 6.4, "conductivity_ratio": 0.1, "membrane_conductance": 4.0}
+    vesicle = {"reduced_area": 0.9, "angle": 10.0}
+    return parse({"t_end": 1.0, "vesicle": [vesicle], "field": field, **SHEAR, "numerics": {"nodes": N}})
+
+
+@eqx.filter_jit
+def _start(scene, t_end):
+    result = simulate(scene, t_end, saves=1, march=Adaptive(1e-6))
+    return Unknowns(result.state.y.x, result.state.y.V_m)
+
+
+@eqx.filter_jit
+def _next(file, values, start):
+    return steady(scene_of(file, values), start)
+
+
+def curve(file, start, name, places):
+    """[μ], inclination and ∂[μ] in all numbers of `CENTRE` along `name`, from its central value outward."""
+    quantities = ("effective_viscosity", "inclination")
+    middle = int(np.argmin(np.abs(places - CENTRE[name])))
+    rows = {}
+    for order in (range(middle, len(places)), range(middle - 1, -1, -1)):
+        y = start
+        for i in order:
+            values = {key: np.float64(value) for key, value in (CENTRE | {name: places[i]}).items()}
+            found = _next(file, values, y)
+            y = found.y
+            outputs, slopes = sensitivity.jacobian(sensitivity.at_rest(file, quantities, y), values)
+            rows[i] = {
+                "value": float(places[i]),
+                "viscosity": float(outputs["effective_viscosity"]),
+                "inclination": float(outputs["inclination"][0]),
+                "slopes": {key: float(slope) for key, slope in slopes["effective_viscosity"].items()},
+                "last step": float(found.last_step),
+            }
+    return [rows[i] for i in sorted(rows)]
+
+
+def spline_slopes(rows, name):
+    """d[μ]/d`name` of the cubic spline through the curve; in log Λ for Λ, where it is smooth."""
+    x = np.array([row["value"] for row in rows])
+    y = np.array([row["viscosity"] for row in rows])
+    if name == "field.conductivity_ratio":
+        return CubicSpline(np.log(x), y).derivative()(np.log(x)) / x
+    return CubicSpline(x, y).derivative()(x)
+
+
+def checked(tables, N=32, t_end=0.01, steps=10):
+    """The worst deviations over all numbers and diagnostics of a scene."""
+    file = parse({"t_end": 1.0, "numerics": {"nodes": N}, **tables})
+    rows = list(gradcheck.check(file, t_end, steps))
+    return {
+        "numbers": len({row.number for row in rows}),
+        "diagnostics": len({row.quantity for row in rows}),
+        "forward - reverse": max(row.modes for row in rows),
+        "forward - differences": max(row.deviation for row in rows),
+        "verdicts": {verdict: sum(row.verdict == verdict for row in rows) for verdict in {r.verdict for r in rows}},
+    }
+
+
+def run(along=ALONG, N=64, t_end=1.5, scenes=SCENES):
+    """Curves with derivatives; what is left of the run's end by Newton's method; the checks of derivatives."""
+    file = treading(N)
+    start = _start(scene_of(file, {}), t_end)
+    curves = {name: curve(file, start, name, np.asarray(places)) for name, places in along.items()}
+    values = {name: np.float64(value) for name, value in CENTRE.items()}
+    outcomes = {
+        "implicit": sensitivity.at_rest(file, ("effective_viscosity",), start),
+        "through the run": sensitivity.at_end(file, ("effective_viscosity",), t_end, march=Adaptive(1e-6)),
+    }
+    return {"curves": curves, "cost": cost(outcomes, values), "checks": {k: checked(v) for k, v in scenes.items()}}
+
+
+def cost(outcomes, values, repeats=3):
+    """Seconds of one tangent, interleaved, and the derivative in β that it gives."""
+    seconds = {name: [] for name in outcomes}
+    slopes = {}
+    tangent = {name: np.float64(name == "field.beta") for name in values}
+    for turn in range(repeats + 1):
+        for name, outcome in outcomes.items():
+            began = time.perf_counter()
+            _, found = jax.block_until_ready(sensitivity.pushed(outcome, values, tangent))
+            if turn:  # the first one compiles
+                seconds[name].append(time.perf_counter() - began)
+            slopes[name] = float(found["effective_viscosity"])
+    return {name: {"seconds": float(np.median(seconds[name])), "d[μ]/dβ": slopes[name]} for name in outcomes}
+
+
+@styled
+def draw(found) -> Figure:
+    """[μ] along each number, and its derivative with the slope of the curve."""
+    figure = Figure(figsize=(plot.PAGE, 3.6))
+    axes = figure.subplots(2, len(found["curves"]), sharex="col", squeeze=False)
+    for column, (name, rows) in zip(axes.T, found["curves"].items(), strict=True):
+        x = [row["value"] for row in rows]
+        column[0].plot(x, [row["viscosity"] for row in rows], "o-", ms=2.5)
+        column[1].plot(x, [row["slopes"][name] for row in rows], "o", ms=3, label="implicit derivative")
+        column[1].plot(x, spline_slopes(rows, name), color="C1", lw=1, label="slope of the curve")
+        symbol = SYMBOLS[name]
+        column[1].set(xlabel=symbol, ylabel=rf"$\partial[\mu]/\partial${symbol}")
+        if name == "field.conductivity_ratio":
+            column[1].set(xscale="log")
+    axes[0, 0].set(ylabel=r"$[\mu]$")
+    axes[1, 0].legend()
+    return figure
+
+
+def main():
+    found = run()
+    for name, rows in found["curves"].items():
+        print(f"{SYMBOLS[name]}        [μ]        inclination/π  ∂[μ]/∂Λ    ∂[μ]/∂β    ∂[μ]/∂Δ    slope of the curve")
+        for row, slope in zip(rows, spline_slopes(rows, name), strict=True):
+            slopes = "  ".join(f"{value:9.5f}" for value in row["slopes"].values())
+            angle = row["inclination"] / np.pi
+            print(f"{row['value']:<8.4g} {row['viscosity']:.6f}   {angle:.5f}   {slopes}  {slope:.5f}")
+    for name, row in found["cost"].items():
+        print(f"{name}: {row['seconds']:.3f} s a tangent, ∂[μ]/∂β = {row['d[μ]/dβ']:.6f}")
+    for name, row in found["checks"].items():
+        print(name, row)
+    store("sensitivity", found)
+    save(draw(found), "sensitivity")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,281 @@
+r"""Numbers of a scene from what was observed: least squares, several starts, and what the answer is worth.
+
+With the model m(p), the observations d and their standard deviations s, χ² = Σ ((m - d)/s)² is minimised by Levenberg
+and Marquardt's method (optimistix) with forward derivatives: P unknowns cost P tangents of a run. About the minimum χ²
+is a paraboloid, whose curvature JᵀJ, with J = ∂(m/s)/∂p, gives covariances after Laplace: (JᵀJ)⁻¹. Where that has a
+long axis the observations do not tell the numbers apart, and the answer says along which combination.
+
+    observed = {"deformation_along_field": D}, any diagnostics (T, …) at t_end k/T, k = 1 … T, and "radii" (T, M, K)
+"""
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+from scipy.stats import qmc
+
+from . import curve as geometry
+from . import fourier, transforms
+from .arrays import VesiclePoints, as_float
+from .curve import Curve
+from .marching import AbstractMarch, simulate
+from .parameters import numbers, scene_of
+from .problem import march_of
+from .scenefile import to_toml
+from .scenetables import SceneFile
+from .transforms import Box
+
+NORMAL_95 = 1.959964
+_LOOSE = 1.0  # half of a 95 % interval beyond which a combination of numbers counts as not determined
+
+
+class Observations(NamedTuple):
+    """What was seen at the T equally spaced times up to `t_end`, by name, and its standard deviations."""
+
+    t_end: float
+    seen: dict[str, Float[np.ndarray, "T ..."]]
+    deviation: dict[str, float]
+
+
+class Start(NamedTuple):
+    """Where one search began and ended."""
+
+    began: dict[str, float]
+    ended: dict[str, float]
+    chi2: float
+    iterations: int
+    converged: bool
+
+
+class Fit(NamedTuple):
+    """The best end of all starts; intervals are 95 %, of the paraboloid in the coordinate that was searched in."""
+
+    values: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    covariance: Float[np.ndarray, "P P"]  # in the units of the numbers, in the order of `values`
+    chi2: float
+    observations: int  # χ² is near this, less the unknowns, where model and deviations are right
+    loose: tuple[str, ...]  # combinations that the observations do not determine
+    starts: tuple[Start, ...]
+
+
+def radii(x: VesiclePoints, K: int) -> Float[Array, "M K"]:
+    """Distance from the centroid to the outline in K directions, from x on: how an observed shape is given.
+
+    Of outlines that a ray from the centroid meets once; cubic in the node spacing over four.
+    """
+
+    def one(x):
+        fine = fourier.resample(x, 4 * x.shape[0], axis=0) - geometry.centroid(Curve.from_nodes(x))
+        angle = jnp.unwrap(jnp.arctan2(fine[:, 1], fine[:, 0]))
+        radius = jnp.sqrt(jnp.sum(fine**2, axis=-1))
+        wanted = 2 * jnp.pi * jnp.arange(K) / K
+        return jnp.interp(wanted, angle, radius, period=2 * jnp.pi)
+
+    return jax.vmap(one)(x)
+
+
+class Model(eqx.Module):
+    """What a run with these numbers would show at the times of the observations."""
+
+    scene_file: SceneFile = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    directions: int = eqx.field(static=True)  # of "radii"
+    saves: int = eqx.field(static=True)
+    t_end: float = eqx.field(static=True)
+    march: AbstractMarch
+
+    @classmethod
+    def of(cls, scene_file: SceneFile, observations: Observations, march: AbstractMarch | None = None) -> "Model":
+        """Raises ValueError for observations that do not belong together."""
+        counts = {len(values) for values in observations.seen.values()}
+        if len(counts) != 1 or 0 in counts:
+            raise ValueError(f"observations.seen: {sorted(counts)} times, expected the same number of all, at least 1.")
+        for name in observations.seen:
+            if not observations.deviation.get(name, 0.0) > 0:
+                raise ValueError(f"observations.deviation: {name} is missing, expected a positive number.")
+        directions = np.shape(observations.seen["radii"])[-1] if "radii" in observations.seen else 0
+        march = march_of(scene_file) if march is None else march
+        return cls(scene_file, tuple(sorted(observations.seen)), directions, counts.pop(), observations.t_end, march)
+
+    def __call__(self, values: Mapping[str, Array]) -> dict[str, Float[Array, "T ..."]]:
+        result = simulate(scene_of(self.scene_file, values), self.t_end, saves=self.saves, march=self.march)
+        found = dict(result.diagnostics)
+        if self.directions:
+            found["radii"] = jax.vmap(lambda x: radii(x, self.directions))(result.x)
+        for name in self.names:
+            if name not in found:
+                raise ValueError(f"observations.seen: {name!r}, expected some of radii, {', '.join(sorted(found))}.")
+        return {name: found[name][1:] for name in self.names}
+
+
+@eqx.filter_jit
+def _shown(model: Model, values):
+    return model(values)
+
+
+def shown(model: Model, values: Mapping[str, float]) -> dict[str, Float[np.ndarray, "T ..."]]:
+    """What the model shows with these numbers: to make or to draw observations."""
+    found = _shown(model, {name: as_float(value) for name, value in values.items()})
+    return {name: np.asarray(history) for name, history in found.items()}
+
+
+def _residuals(z: Float[Array, "P"], args) -> Float[Array, "R"]:
+    model, inside, seen, deviation = args
+    shown = model(transforms.to_values(z, dict(inside)))
+    return jnp.concatenate([jnp.ravel((shown[name] - seen[name]) / deviation[name]) for name in model.names])
+
+
+@eqx.filter_jit
+def _solve(z, args, tolerance: float, max_steps: int):
+    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
+    solution = optx.least_squares(_residuals, solver, z, args, max_steps=max_steps, throw=False)
+    return solution.value, solution.stats["num_steps"], solution.result == optx.RESULTS.successful
+
+
+@eqx.filter_jit
+def _linear(z, args):
+    """(residuals, their Jacobian)."""
+
+    def both(z):
+        r = _residuals(z, args)
+        return r, r
+
+    jacobian, r = jax.jacfwd(both, has_aux=True)(z)
+    return r, jacobian
+
+
+def starting_points(
+    inside: Mapping[str, Box], scene_file: SceneFile, count: int, seed: int = 0
+) -> list[dict[str, float]]:
+    """The scene's own numbers, then `count` - 1 more spread over the boxes (Sobol's sequence)."""
+    own = numbers(scene_file)
+    points = [{name: own[name] for name in inside}]
+    if count > 1:
+        spread = 4 * qmc.Sobol(len(inside), seed=seed).random(1 << (count - 2).bit_length())[: count - 1] - 2
+        points += [{n: float(v) for n, v in transforms.to_values(as_float(z), inside).items()} for z in spread]
+    return points
+
+
+def fit(
+    scene_file: SceneFile,
+    bounds: Mapping[str, tuple[float, float]],
+    observations: Observations,
+    *,
+    starts: int | Sequence[Mapping[str, float]] = 3,
+    march: AbstractMarch | None = None,
+    tolerance: float = 1e-5,
+    max_steps: int = 60,
+    checkpoint: str | Path | None = None,
+    progress: Callable[[int, Start], None] = lambda i, start: None,
+) -> Fit:
+    """The numbers named in `bounds`, in the scene that `observations` were made of.
+
+    Begins at `starts`: the scene's own numbers and as many more in the bounds as make this count, or given points.
+    With `checkpoint` (JSON) every start is kept once it is done, and not searched again when called again.
+
+    Raises:
+        ValueError: bounds or observations make no sense, no start led anywhere, or the checkpoint is of another fit.
+        SceneError: the scene has no number of such a name.
+    """
+    inside = transforms.boxes(bounds)
+    model = Model.of(scene_file, observations, march)
+    args = (
+        model,
+        tuple(inside.items()),
+        {name: as_float(values) for name, values in observations.seen.items()},
+        {name: as_float(observations.deviation[name]) for name in observations.seen},
+    )
+    points = starting_points(inside, scene_file, starts) if isinstance(starts, int) else starts
+    mark = _fingerprint(scene_file, inside, observations, model.march, tolerance)
+    done = _resumed(checkpoint, mark)
+    for i, point in enumerate(points):
+        if i >= len(done):
+            done.append(_search(point, inside, args, tolerance, max_steps))
+            _keep(checkpoint, mark, done)
+        progress(i, done[i])
+    return _judged(tuple(done[: len(points)]), inside, args)
+
+
+def _search(point, inside, args, tolerance, max_steps) -> Start:
+    z, iterations, converged = _solve(as_float(transforms.to_z(point, inside)), args, tolerance, max_steps)
+    r, _ = _linear(z, args)
+    chi2 = float(jnp.sum(r**2))
+    ended = {name: float(value) for name, value in transforms.to_values(z, inside).items()}
+    return Start(dict(point), ended, chi2, int(iterations), bool(converged) and math.isfinite(chi2))
+
+
+def _judged(starts: tuple[Start, ...], inside: Mapping[str, Box], args) -> Fit:
+    finite = [start for start in starts if math.isfinite(start.chi2)]
+    if not finite:
+        raise ValueError("starts: every run broke down, expected at least one that the scene can be simulated with.")
+    best = min(finite, key=lambda start: start.chi2)
+    r, jacobian = _linear(as_float(transforms.to_z(best.ended, inside)), args)
+    to_coordinate, to_value = transforms.slopes(best.ended, inside)
+    fisher = np.asarray(jacobian) / to_coordinate
+    _, singular, axes = np.linalg.svd(fisher, full_matrices=False)
+    tiny = np.finfo(float).tiny
+    half = NORMAL_95 / np.maximum(singular, tiny)
+    covariance = (axes.T / np.maximum(singular, tiny) ** 2) @ axes
+    sizes = NORMAL_95 * np.sqrt(np.diag(covariance))
+    intervals = {}
+    for (name, box), size, scale in zip(inside.items(), sizes, to_value, strict=True):
+        value = best.ended[name]
+        low, high = (value * np.exp([-size, size])) if box.positive else (value + scale * np.array([-size, size]))
+        intervals[name] = (float(low), float(high))
+    loose = tuple(_in_words(axis, inside) for axis, size in zip(axes, half, strict=True) if size > _LOOSE)
+    return Fit(
+        best.ended, intervals, to_value[:, None] * covariance * to_value, best.chi2, r.size, loose, starts
+    )  # fmt: skip
+
+
+def _in_words(axis: Float[np.ndarray, "P"], inside: Mapping[str, Box]) -> str:
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    parts = [
+        f"{weight:+.2f} {f'log {name}' if box.positive else name}"
+        for weight, (name, box) in zip(axis, inside.items(), strict=True)
+        if abs(weight) > 0.1
+    ]
+    return " ".join(parts)
+
+
+# -- starts that are done ------------------------------------------------------------------------------------------
+
+
+def _fingerprint(scene_file, inside, observations: Observations, march, tolerance) -> str:
+    text = [to_toml(scene_file), repr(sorted(inside.items())), repr(march), repr(tolerance), repr(observations.t_end)]
+    for name in sorted(observations.seen):
+        text += [name, repr(np.asarray(observations.seen[name]).tolist()), repr(float(observations.deviation[name]))]
+    return hashlib.sha256("\n".join(text).encode()).hexdigest()
+
+
+def _resumed(checkpoint: str | Path | None, mark: str) -> list[Start]:
+    if checkpoint is None or not Path(checkpoint).exists():
+        return []
+    try:
+        kept = json.loads(Path(checkpoint).read_text())
+        found, starts = kept["fit"], [Start(**start) for start in kept["starts"]]
+    except (ValueError, KeyError, TypeError):
+        raise ValueError(f"checkpoint = {checkpoint}, expected the starts of an earlier fit (JSON).") from None
+    if found != mark:
+        raise ValueError(f"checkpoint = {checkpoint}, expected that of the same scene, bounds and observations.")
+    return starts
+
+
+def _keep(checkpoint: str | Path | None, mark: str, done: list[Start]) -> None:
+    if checkpoint is None:
+        return
+    path = Path(checkpoint)
+    part = path.with_name(path.name + ".part")
+    part.write_text(json.dumps({"fit": mark, "starts": [start._asdict() for start in done]}, indent=1) + "\n")
+    os.replace(part, path)

@@ -1,0 +1,215 @@
+"""Derivatives checked against each other, implicit against unrolled; least squares that know what they do not know."""
+
+import json
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxves import critical_field, differences, fit, gradcheck, sensitivity, status, transforms
+from jaxves.cli import answer
+from jaxves.equation import Unknowns
+from jaxves.marching import Adaptive, Fixed, simulate
+from jaxves.parameters import scene_of
+from jaxves.scenefile import parse
+from jaxves.steady import steady
+from jaxves.summary import derivatives
+
+RELAXING = {"t_end": 0.1, "vesicle": [{"reduced_area": 0.8, "angle": 70.0}], "numerics": {"nodes": 16}}
+SHEARED = RELAXING | {"t_end": 2.0, "flow": {"kind": "shear", "capillary_number": 10.0}, "numerics": {"nodes": 32}}
+
+
+# -- differences ---------------------------------------------------------------------------------------------------
+
+
+def test_central_differences_know_their_error():
+    """exp and sin at 1, and a third power, which two rows give exactly."""
+    found = differences.central(lambda x: np.array([np.exp(x), np.sin(x), x**3]), 1.0, 0.1)
+    exact = np.array([np.e, np.cos(1.0), 3.0])
+    error = np.abs(found.value - exact)
+    assert np.all(error < 1e-9)
+    assert np.all(error <= found.error + 1e-13)
+
+
+@pytest.mark.parametrize("step", [0.05, -0.05])
+def test_one_sided_differences_stay_on_their_side(step):
+    """|x| at 0 has two derivatives; e^x has its own from both sides."""
+
+    def function(x):
+        assert x * step >= 0
+        return np.array([abs(x), np.exp(x)])
+
+    found = differences.one_sided(function, 0.0, step)
+    np.testing.assert_allclose(found.value, [np.sign(step), 1.0], atol=1e-8)
+
+
+def test_a_kink_shows_in_the_error_of_central_differences():
+    found = differences.central(lambda x: np.array([max(x, 0.3)]), 0.3 + 1e-3, 0.1)
+    assert found.error[0] > 1e-3  # smooth ones are known to 1e-9
+
+
+# -- check-grad ----------------------------------------------------------------------------------------------------
+
+
+def test_all_numbers_of_a_scene_have_the_derivative_that_differences_give():
+    rows = list(gradcheck.check(parse(RELAXING), 0.005, 5))
+    assert {row.number for row in rows} == {
+        "vesicle.angle", "vesicle.center[0]", "vesicle.center[1]", "vesicle.length", "vesicle.bending",
+        "vesicle.reduced_area",
+    }  # fmt: skip
+    assert {row.verdict for row in rows} == {"agree"}
+    turned = next(row for row in rows if (row.number, row.quantity) == ("vesicle.angle", "inclination"))
+    assert abs(turned.forward - math.pi / 180) < 1e-10
+    table, text = derivatives(rows)
+    assert len(table.rows) == len(rows) and text.startswith(f"{len(rows)} of {len(rows)} agree, 0 disagree")
+
+
+def rows_of(forward, backward, found, error):
+    values = [{"a": np.array([value])} for value in (1.0, forward, backward, found, error)]
+    (row,) = gradcheck._rows("n", 1.0, *values)
+    return row.verdict
+
+
+def test_a_disagreement_is_called_one():
+    assert rows_of(2.0, 2.0, 2.0, 0.0) == "agree"
+    assert rows_of(2.0, 2.0 + 1e-6, 2.0, 0.0) == "DISAGREE"
+    assert rows_of(2.0, 2.0, 2.0 + 1e-5, 1e-9) == "DISAGREE"
+    assert rows_of(2.0, 2.0, 2.1, 0.2).startswith("no verdict")
+    assert rows_of(np.nan, 2.0, 2.0, 0.0) == "DISAGREE"
+
+
+def test_check_grad_refuses_bad_input_in_one_line(capsys):
+    assert answer(["check-grad", "nothing.toml"]) == 2
+    assert answer(["check-grad", "pop", "--t-end", "-1"]) == 2
+    assert "--t-end = -1.0, expected a positive finite number" in capsys.readouterr().err
+
+
+# -- steady shapes -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_implicit_derivative_of_a_steady_shape_is_that_of_a_long_run():
+    """Tank-treading in shear: the shape that a run ends in, and how it depends on Ca and Δ."""
+    file = parse(SHEARED)
+    quantities = ("inclination", "tank_treading_speed", "effective_viscosity")
+    run = eqx.filter_jit(lambda scene: simulate(scene, 3.0, saves=1, march=Adaptive(1e-6)))(scene_of(file, {}))
+    assert int(run.status) == status.COMPLETE
+    rest = sensitivity.at_rest(file, quantities, Unknowns(run.state.y.x))
+    values = {"flow.capillary_number": 10.0, "vesicle.reduced_area": 0.8}
+    found, implicit = sensitivity.jacobian(rest, values)
+    end, unrolled = sensitivity.jacobian(sensitivity.at_end(file, quantities, 3.0, march=Fixed(600)), values)
+    for name in quantities:
+        np.testing.assert_allclose(found[name], end[name], rtol=1e-3)
+        for number in values:
+            np.testing.assert_allclose(implicit[name][number], unrolled[name][number], rtol=2e-2, atol=1e-3)
+
+
+def test_a_steady_shape_is_sought_of_one_vesicle():
+    two = [{"reduced_area": 0.9}, {"reduced_area": 0.9, "center": [4.0, 0.0]}]
+    scene = scene_of(parse(RELAXING | {"vesicle": two}), {})
+    with pytest.raises(ValueError, match="one vesicle, but the scene has 2"):
+        steady(scene, Unknowns(scene.x))
+
+
+# -- sensitivities -------------------------------------------------------------------------------------------------
+
+
+def quadratic(values):
+    return {"a": values["p"] ** 2 * values["q"] + jnp.array([0.0, 1.0]) * values["q"]}
+
+
+def test_jacobian_and_second_order_of_a_polynomial():
+    values = {"q": 3.0, "p": 2.0}
+    for reverse in (False, True):
+        outputs, slopes = sensitivity.jacobian(quadratic, values, reverse=reverse)
+        np.testing.assert_allclose(outputs["a"], [12.0, 15.0])
+        np.testing.assert_allclose(slopes["a"]["p"], [12.0, 12.0])
+        np.testing.assert_allclose(slopes["a"]["q"], [4.0, 5.0])
+    second = sensitivity.second_order(quadratic, values)["a"]
+    np.testing.assert_allclose(second["p", "p"], [6.0, 6.0])
+    np.testing.assert_allclose(second["p", "q"], second["q", "p"])
+    np.testing.assert_allclose(second["q", "p"], [4.0, 4.0])
+    with pytest.raises(ValueError, match="expected one number"):
+        sensitivity.gradient(quadratic, values)
+    slope = sensitivity.gradient(lambda values: values["p"] ** 2 * values["q"], values)
+    assert slope == {"p": 12.0, "q": 4.0}
+
+
+# -- the critical field --------------------------------------------------------------------------------------------
+
+
+def test_the_least_deformation_is_found_between_saves():
+    t = np.linspace(0, 1, 21)
+    instant, value = critical_field.least(t, np.cosh(4 * (t - 0.43)) - 2)
+    assert abs(instant - 0.43) < 1e-4 and abs(value + 1) < 1e-6
+
+
+def test_a_bracket_without_a_boundary_is_refused():
+    field = {"beta": 1.0, "conductivity_ratio": 0.1}
+    file = parse(RELAXING | {"field": field, "saves": 5, "vesicle": [{"reduced_area": 0.9, "angle": 90.0}]})
+    with pytest.raises(critical_field.NoCriticalField, match="least deformations are 0"):
+        critical_field.critical_field(file, (0.1, 0.2), march=Fixed(4))
+    with pytest.raises(critical_field.NoCriticalField, match="one vesicle in a field"):
+        critical_field.critical_field(parse(RELAXING), (0.1, 0.2))
+
+
+# -- fits ----------------------------------------------------------------------------------------------------------
+
+
+def test_boxes_are_searched_in_logarithms_where_positive():
+    inside = transforms.boxes({"a": (0.1, 10.0), "b": (-1.0, 3.0)})
+    values = {"a": 0.7, "b": 2.0}
+    z = transforms.to_z(values, inside)
+    back = transforms.to_values(jnp.asarray(z), inside)
+    assert {name: pytest.approx(float(back[name])) for name in values} == values
+    assert float(transforms.to_values(jnp.zeros(2), inside)["a"]) == pytest.approx(1.0)
+    to_coordinate, to_value = transforms.slopes(values, inside)
+    moved = transforms.to_values(jnp.asarray(z + 1e-6), inside)
+    slope = [(float(moved[name]) - values[name]) / 1e-6 for name in values]
+    np.testing.assert_allclose(to_coordinate * to_value, slope, rtol=1e-4)
+    with pytest.raises(ValueError, match=r"a in \(2.0, 1.0\)"):
+        transforms.boxes({"a": (2.0, 1.0)})
+    with pytest.raises(ValueError, match="expected a number inside"):
+        transforms.to_z({"a": 20.0, "b": 0.0}, inside)
+
+
+def test_bending_is_found_from_a_relaxation_and_a_place_that_nothing_tells_is_named(tmp_path):
+    """From three times too stiff; deformation says nothing about where the vesicle is."""
+    file = parse(RELAXING | {"vesicle": [{"reduced_area": 0.6, "bending": 3.0}]})
+    march = Fixed(2)
+    truth = eqx.filter_jit(lambda: simulate(scene_of(file, {"vesicle.bending": 1.0}), 0.02, saves=8, march=march))()
+    seen = np.asarray(truth.diagnostics["deformation"][1:])
+    noise = 1e-4
+    seen = seen + noise * np.random.default_rng(0).normal(size=seen.shape)
+    observations = fit.Observations(0.02, {"deformation": seen}, {"deformation": noise})
+    bounds = {"vesicle.bending": (0.1, 10.0), "vesicle.center[0]": (-1.0, 1.0)}
+    kept = tmp_path / "starts.json"
+    found = fit.fit(file, bounds, observations, starts=1, march=march, checkpoint=kept)
+    low, high = found.intervals["vesicle.bending"]
+    assert low < 1.0 < high and high / low < 1.2
+    assert found.chi2 < 25 and found.observations == 8
+    assert found.loose == ("+1.00 vesicle.center[0]",)
+    assert found.starts[0].converged
+
+    stored = json.loads(kept.read_text())
+    stored["starts"][0]["iterations"] = -7  # so that it shows that nothing was searched again
+    kept.write_text(json.dumps(stored))
+    again = fit.fit(file, bounds, observations, starts=1, march=march, checkpoint=kept)
+    assert again.starts[0].iterations == -7 and again.values == found.values
+    with pytest.raises(ValueError, match="of the same scene, bounds and observations"):
+        fit.fit(file, {"vesicle.bending": (0.1, 9.0)}, observations, starts=1, march=march, checkpoint=kept)
+
+
+def test_observations_without_a_deviation_are_refused():
+    observations = fit.Observations(0.1, {"deformation": np.zeros((3, 1))}, {})
+    with pytest.raises(ValueError, match="deformation is missing, expected a positive number"):
+        fit.fit(parse(RELAXING), {"vesicle.bending": (0.1, 10.0)}, observations)
+
+
+def test_radii_of_an_ellipse():
+    alpha = 2 * np.pi * np.arange(64) / 64
+    x = jnp.asarray(np.stack([2 * np.cos(alpha) + 1, np.sin(alpha)], axis=-1))[None]
+    found = fit.radii(x, 4)
+    np.testing.assert_allclose(found, [[2.0, 1.0, 2.0, 1.0]], atol=1e-3)
