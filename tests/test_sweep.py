@@ -1,6 +1,7 @@
 """Sweeps: each case as if it were alone, each with its own end, and all of it again after whatever interrupted it."""
 
 import contextlib
+import io
 import math
 import os
 import signal
@@ -17,6 +18,7 @@ import xarray
 
 import jaxves
 from jaxves import batches, sweepstore
+from jaxves.cli import answer
 from jaxves.hdf5 import StoreError
 from jaxves.marching import Adaptive
 from jaxves.parameters import scene_of
@@ -126,6 +128,24 @@ def test_cases_side_by_side_agree_with_cases_one_by_one(whole, tmp_path):
     for name in ("deformation_final", "effective_viscosity_average", "tension_max_max"):
         if name in reference.data:
             np.testing.assert_allclose(record.data[name], reference.data[name], rtol=1e-8)
+
+
+def test_show_and_plot_know_a_sweep_when_they_see_one(whole, tmp_path):
+    def call(*arguments):
+        with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+            code = answer([str(argument) for argument in arguments])
+        return code, out.getvalue(), err.getvalue()
+
+    code, out, _ = call("show", whole)
+    assert code == 0 and "cases: 6 complete" in out and "classes: 6 P" in out
+    code, _, err = call("plot", whole, "--out", tmp_path / "pop", "--what", "map", "--what", "phases")
+    assert code == 0, err
+    code, _, err = call("plot", whole, "--out", tmp_path / "pop", "--what", "curves", "--quantity", "max_V_m_max")
+    assert code == 0, err
+    assert {path.name for path in tmp_path.iterdir()} == {"pop-map.png", "pop-phases.png", "pop-max_V_m_max-curves.png"}
+    for arguments, words in ((["--what", "snapshots"], "phases, map or curves"), (["-q", "colour"], "no quantity")):
+        code, out, err = call("plot", whole, "--out", tmp_path / "other", *arguments)
+        assert code == 2 and out == "" and err.count("\n") == 1 and words in err
 
 
 # --- each case has its own end ------------------------------------------------------------------
