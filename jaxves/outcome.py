@@ -70,8 +70,9 @@ def outcome(scene_file: SceneFile, keep: tuple[str, ...], march: AbstractMarch, 
     scene, code = _at_rest(scene_file, scene)
     average = None if scene_file.average is None else as_float(scene_file.average)
     equation = equation_for(scene, integrands=None if average is None else diagnostics.averaged)
-    checks = Checks(steady=None if scene_file.stop is None else scene_file.stop.steady)
-    wanted = None if scene_file.stop is None else scene_file.stop.class_
+    stop = scene_file.stop
+    checks = Checks(steady=None if stop is None or stop.steady is None else as_float(stop.steady))
+    wanted = None if stop is None else stop.class_
     stops = marching.stops_of(scene, scene_file.t_end, average)
     state = marching.initial_state(equation, march, average)
     state = eqx.tree_at(lambda s: s.status, state, code)

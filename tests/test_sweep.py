@@ -181,7 +181,7 @@ def test_cases_that_need_more_steps_get_them_in_a_second_pass_and_no_more_than_t
 
 
 def test_a_class_that_is_waited_for_ends_a_case_early(tmp_path):
-    scene = SCENE | {"t_end": 0.2, "saves": 20, "stop": {"class": "O"}}
+    scene = SCENE | {"t_end": 0.2, "saves": 20, "stop": {"class": "O", "steady": 1e-9}}
     record = jaxves.sweep({"scene": scene, "axes": {BETA: [0.5, 6.0]}}, tmp_path / "out.h5", devices=1, batch=2)
     assert list(record.status) == ["complete", "class reached"] and list(record.classes) == ["P", "O"]
     assert abs(record.data["t_reached"][0] - 0.2) < 1e-12 and record.data["t_reached"][1] < 0.15
