@@ -61,7 +61,7 @@ def datasets(path):
 
     def visit(name, item):
         if isinstance(item, h5py.Dataset):
-            found[name] = (item.shape, item[()].tobytes() if item.dtype != object else list(item[()].ravel()))
+            found[name] = (item.shape, item[()].tobytes() if item.dtype != object else list(np.ravel(item[()])))
 
     with h5py.File(path) as file:
         file.visititems(visit)
