@@ -44,7 +44,9 @@ _LAYERS = {
     # many steps, and what they say
     "steppers": ("ARK4", "ARK5", "SemiImplicitEuler"),
     "diagnostics": (),
-    "marching": ("Adaptive", "Checks", "Fixed", "simulate"),
+    "stepping": ("Adaptive", "Fixed"),
+    "replay": (),
+    "marching": ("Checks", "simulate"),
     "phases": (),
     "pairphases": (),
     "around": (),
@@ -59,6 +61,7 @@ _LAYERS = {
     "build": (),
     "parameters": (),
     # runs, result files, pictures
+    "certificate": (),
     "hdf5": (),
     "store": (),
     "problem": (),

@@ -52,6 +52,8 @@ QUANTITIES = {
     "spectral_tail": Quantity("1", "top of the spectrum of x and V_m over its largest mode", _EACH),
     "tension_tail": Quantity("1", "top of the spectrum of the tension over its largest mode", _EACH),
     "metric_error": Quantity("1", "largest relative deviation of the node spacing", _EACH),
+    "force_residual": Quantity("1", "∮ f ds over ∮ |f| ds of bending and tension, zero but for discretisation", _EACH),
+    "torque_residual": Quantity("1", "∮ x × f ds over ∮ |x| |f| ds about the centroid, likewise", _EACH),
     "self_gap": Quantity("a", "narrowest chord between parts twice as far apart along the membrane", _EACH),
     "neighbor_distance": Quantity("a", "distance of the centre to the nearest other, of more than two vesicles", _EACH),
     "dipole": Quantity("eps E_inf a^2", "∮ (q x - V_m n) ds about the centroid", (*_EACH, "xy")),
@@ -70,6 +72,7 @@ QUANTITIES = {
     "power_electric": Quantity("kappa_B/(a t_kappa)", "power of the electric force", _RUN),
     "dissipation": Quantity("kappa_B/(a t_kappa)", "viscous dissipation of the disturbance", _RUN),
     "power_balance": Quantity("kappa_B/(a t_kappa)", "dE_b/dt less all powers: zero but for discretisation", _RUN),
+    "time_error": Quantity("a", "sum of the estimated errors of all steps so far", _RUN),
     "residual": Quantity("1", "worst true relative residual of the linear solves", _RUN),
 }
 
@@ -214,6 +217,16 @@ def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, spe
     }
 
 
+def _balance(curve: Curve, f: Array) -> dict[str, Array]:
+    """How far the forces of one membrane on itself are from cancelling."""
+    arm, tiny = curve.x - geometry.centroid(curve), jnp.finfo(f.dtype).tiny
+    size = jnp.sum(jnp.abs(f), axis=-1)
+    force = jnp.sum(jnp.abs(curve.weights @ f)) / jnp.maximum(curve.weights @ size, tiny)
+    turning = jnp.abs(curve.weights @ (arm[:, 0] * f[:, 1] - arm[:, 1] * f[:, 0]))
+    torque = turning / jnp.maximum(curve.weights @ (jnp.sum(jnp.abs(arm), axis=-1) * size), tiny)
+    return {"force_residual": force, "torque_residual": torque}
+
+
 def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
     arm = curve.x - geometry.centroid(curve)
     weights = curve.weights
@@ -239,6 +252,7 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
         return _of_shape(equation, *args)
 
     out = jax.vmap(shape)(curves, y.x, motion.velocity, motion.sigma, scene.bending, equation.speed)
+    out |= jax.vmap(_balance)(curves, motion.f_hd if motion.f_el is None else motion.f_hd + motion.f_el)
     if scene.field is not None:
         field = scene.field
         q = field.contrast()[:, None] * motion.w

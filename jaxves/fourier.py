@@ -148,5 +148,6 @@ def spectral_tail(f: Float[Array, "N *rest"], cut: int) -> Scalar:
     cosine, sine = coefficients(f)
     size = jnp.max(jnp.abs(cosine) + jnp.abs(sine), axis=tuple(range(1, f.ndim)))
     last = f.shape[0] // 2 - cut
-    high = jnp.max(size[last - max(last // 8, 1) + 1 : last + 1])
+    # at least two: a symmetric curve has no modes of one parity
+    high = jnp.max(size[last - max(last // 8, 2) + 1 : last + 1])
     return high / jnp.maximum(jnp.max(size[1:]), jnp.finfo(size.dtype).tiny)

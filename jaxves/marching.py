@@ -1,13 +1,8 @@
-r"""Marching in time: adaptive or fixed steps, saved at given instants, with an explicit end.
+r"""Marching in time: what is saved at given instants, and an explicit end.
 
-`simulate` is one pure function (jit, vmap, jvp; with fixed steps also grad). Long runs call `advance`
-on one stretch of saved times after the other, with everything between in a `State`.
-
-Adaptive steps end at the saved instants instead of interpolating to them: the rate of change at a step's end
-carries stiff components that no polynomial may be built on, and a step costs little more than what is saved.
+`simulate` is one pure function (jit, vmap, jvp, grad). Long runs call `advance` on one stretch of saved times after
+the other, with everything between in a `State`.
 """
-
-import abc
 
 import equinox as eqx
 import jax
@@ -16,51 +11,28 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from . import curve as geometry
-from . import diagnostics, fourier, membrane, status
+from . import diagnostics, membrane, replay, status
 from .arrays import PerVesicle, Scalar, Status, as_float
 from .curve import Curve
-from .equation import Equation, Filter, Frozen, Motion, Unknowns, equation_for, verdict
+from .equation import Equation, Filter, Unknowns, equation_for, verdict
 from .interactions import AbstractCoupling
 from .scene import Scene
-from .steppers import ARK4, AbstractStepper
+from .stepping import ROUGH, AbstractMarch, Adaptive, Fixed, Journey, State, Tape, Window, initial_state, turned
 
-ROUGH = 3e-3  # top of the spectrum over its largest mode: beyond it nothing is resolved
-
-
-class Window(eqx.Module):
-    """Running integrals at the last steps that end at or before the two ends of the averaging window."""
-
-    ends: Float[Array, "2"]
-    reached: Float[Array, "2"]
-    integrals: dict[str, Array]
-
-    def passed(self, t: Scalar, integrals) -> "Window":
-        """Also knows the step that ended at t."""
-        before = t <= self.ends * (1 + 1e-14)
-        reached = jnp.where(before, t, self.reached)
-        stored = jax.tree.map(
-            lambda old, new: jnp.where(before.reshape(2, *[1] * new.ndim), new, old), self.integrals, integrals
-        )
-        return Window(self.ends, reached, stored)
-
-    def means(self) -> dict[str, Array]:
-        """Means over the window; NaN when it has not been entered."""
-        return jax.tree.map(lambda pair: (pair[1] - pair[0]) / (self.reached[1] - self.reached[0]), self.integrals)
-
-
-class State(eqx.Module):
-    """All that a continuation needs, and nothing that can be recomputed."""
-
-    t: Scalar
-    y: Unknowns
-    h: Scalar
-    last_error: Scalar  # of the last accepted step, in units of the tolerance
-    angle: PerVesicle  # inclination at t, unwrapped
-    window: Window | None
-    steps: Int[Array, ""]
-    rejected: Int[Array, ""]
-    status: Int[Array, ""]
+__all__ = [
+    "AbstractMarch",
+    "Adaptive",
+    "Checks",
+    "Fixed",
+    "Result",
+    "State",
+    "Window",
+    "advance",
+    "initial_state",
+    "observe",
+    "simulate",
+    "stops_of",
+]
 
 
 class Result(eqx.Module):
@@ -81,186 +53,9 @@ class Result(eqx.Module):
         return status.WORDS[int(self.status)]
 
 
-class AbstractMarch(eqx.Module):
-    """How steps are chosen. `projection=False` and `cut` exist to show what they are worth."""
-
-    stepper: eqx.AbstractVar[AbstractStepper]
-    projection: eqx.AbstractVar[bool]
-
-    @abc.abstractmethod
-    def first_step(self) -> Scalar:
-        """The first step size to try."""
-
-    @abc.abstractmethod
-    def to(self, t_save: Scalar, state: State, equation: Equation, cache: "Cache", stops: Array):
-        """Steps until `t_save`, or the end of the run."""
-
-    def finish(self, equation: Equation, y: Unknowns, frozen: Frozen) -> Unknowns:
-        """Filter and, unless switched off, project."""
-        return equation.project(y, frozen.constraint) if self.projection else equation.filtered(y)
-
-
-class Cache(eqx.Module):
-    """The frozen part at the current state, if it is known."""
-
-    frozen: Frozen
-    known: Array
-
-
-class Fixed(AbstractMarch):
-    """Steps of at most `time_step`, an integer number of them between saved instants."""
-
-    steps_per_save: int = eqx.field(static=True)
-    stepper: AbstractStepper = ARK4()
-    projection: bool = eqx.field(static=True, default=True)
-
-    def first_step(self):
-        return jnp.zeros(())
-
-    def to(self, t_save, state, equation, cache, stops):
-        h = (t_save - state.t) / self.steps_per_save
-
-        def one(state, _):
-            frozen = equation.freeze(state.t, state.y)
-            y = self.finish(equation, self.stepper.step(equation, frozen, state.t, state.y, h).y, frozen)
-            after = _accepted(state, equation, frozen, state.t + h, y)
-            running = state.status == status.RUNNING
-            return jax.tree.map(lambda new, old: jnp.where(running, new, old), after, state), None
-
-        state, _ = lax.scan(one, state, length=self.steps_per_save)
-        return eqx.tree_at(lambda s: s.t, state, jnp.where(state.status == status.RUNNING, t_save, state.t)), cache
-
-
-class Adaptive(AbstractMarch):
-    """Steps whose embedded error stays below `tolerance` in every node and component (PI controller)."""
-
-    tolerance: Scalar = eqx.field(converter=as_float, default=1e-4)
-    stepper: AbstractStepper = ARK4()
-    projection: bool = eqx.field(static=True, default=True)
-    largest: float = eqx.field(static=True, default=0.1)
-    smallest: float = eqx.field(static=True, default=1e-11)
-    max_steps: int = eqx.field(static=True, default=200_000)
-
-    def first_step(self):
-        return jnp.asarray(1e-4)
-
-    def to(self, t_save, state, equation, cache, stops):
-        def unfinished(carry):
-            state, _ = carry
-            return (state.status == status.RUNNING) & (state.t < t_save)
-
-        def body(carry):
-            state, cache = carry
-            frozen = lax.cond(cache.known, lambda: cache.frozen, lambda: equation.freeze(state.t, state.y))
-            state, known = self._attempt(state, equation, frozen, jnp.append(stops, t_save))
-            return state, Cache(frozen, known)
-
-        return lax.while_loop(unfinished, body, (state, cache))
-
-    def _attempt(self, state: State, equation: Equation, frozen: Frozen, stops: Array):
-        """One step, accepted or not; also whether `frozen` still holds."""
-        t, y = state.t, state.y
-        # Steps end at the next stop, and leave no sliver before it.
-        stop = jnp.min(jnp.where(stops > t, stops, jnp.inf))
-        room = stop - t
-        h = jnp.where(state.h >= room, room, jnp.where(2 * state.h > room, 0.5 * room, state.h))
-        t_new = jnp.where(state.h >= room, stop, t + h)
-        step = self.stepper.step(equation, frozen, t, y, h)
-        y_new = self.finish(equation, step.y, frozen)
-        error = _max_norm((step.error.x, step.error.V_m)) / self.tolerance
-        moved = _max_norm((y_new.x - y.x,))
-        corrected = _max_norm((y_new.x - equation.filtered(step.y).x,))
-        sound = jnp.isfinite(error) & jnp.isfinite(moved) & (moved < 1.0) & (corrected < 0.05)
-        accepted = sound & (error <= 1.0)
-
-        order = self.stepper.order
-        e = jnp.maximum(error, 1e-8)
-        grown = h * jnp.clip(0.9 * e ** (-0.7 / order) * state.last_error ** (0.4 / order), 0.2, 3.0)
-        shrunk = jnp.where(sound, h * jnp.clip(0.9 * e ** (-1 / order), 0.2, 0.9), 0.25 * h)
-        # A step cut short by a stop says little about the next one: return to the size before it.
-        grown = jnp.where(h < state.h, jnp.maximum(grown, state.h), grown)
-        after = _accepted(state, equation, frozen, t_new, y_new)
-        after = eqx.tree_at(
-            lambda s: (s.h, s.last_error), after, (jnp.minimum(grown, self.largest), jnp.maximum(e, 1e-4))
-        )
-        refused = eqx.tree_at(lambda s: (s.h, s.rejected), state, (shrunk, state.rejected + 1))
-        new = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), after, refused)
-        code = jnp.where(new.status == status.RUNNING, self._limit(new, sound), new.status)
-        solved = verdict(frozen.motion.residual)
-        code = jnp.where(solved == status.CROWDED, solved, code)
-        return eqx.tree_at(lambda s: s.status, new, code), ~accepted
-
-    def _limit(self, state: State, sound):
-        underflow = jnp.where(sound, status.STEP_UNDERFLOW, status.NOT_FINITE)
-        out = jnp.where(state.h < self.smallest, underflow, status.RUNNING)
-        return jnp.where(state.steps + state.rejected >= self.max_steps, status.TOO_MANY_STEPS, out)
-
-
-def _max_norm(leaves) -> Scalar:
-    """Largest entry; NaN when any is."""
-    return jnp.max(jnp.stack([jnp.max(jnp.abs(leaf)) for leaf in jax.tree.leaves(leaves)]))
-
-
-def _turn(angle: PerVesicle, inclination: PerVesicle) -> PerVesicle:
-    """The unwrapped angle nearest to `angle` that has this inclination (an axis has period π)."""
-    return angle + jnp.mod(inclination - angle + 0.5 * jnp.pi, jnp.pi) - 0.5 * jnp.pi
-
-
-def _inclinations(x) -> PerVesicle:
-    return jax.vmap(lambda x: geometry.inclination(Curve.from_nodes(x)))(x)
-
-
-def _accepted(state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Unknowns) -> State:
-    """The state after a step from `state` to (t, y)."""
-    motion = frozen.motion
-    code = verdict(motion.residual)
-    code = jnp.where((code == status.RUNNING) & _is_rough(equation, motion, y), status.UNRESOLVED, code)
-    # Crowded interactions make the step NaN: say why.
-    finite = jnp.isfinite(_max_norm((y.x, y.V_m))) | (code == status.CROWDED)
-    code = jnp.where(finite, code, status.NOT_FINITE)
-    return State(
-        t,
-        y,
-        state.h,
-        state.last_error,
-        _turn(state.angle, _inclinations(y.x)),
-        None if state.window is None else state.window.passed(t, y.integrals),
-        state.steps + 1,
-        state.rejected,
-        jnp.int32(code),
-    )
-
-
-def _is_rough(equation: Equation, motion: Motion, y: Unknowns) -> Array:
-    """Whether the shape has a rough spectrum, or wrinkles finer than the nodes resolve would grow in it.
-
-    Wrinkles may come and go between saved instants, and leave a smooth shape that is not the right one.
-    """
-    cut, N = equation.filter.x, y.x.shape[1]
-
-    def of_one(x, curve, sigma, bending):
-        finest = membrane.fastest_wrinkle(curve, sigma, bending)
-        return (fourier.spectral_tail(x, cut) > ROUGH) | (finest > N // 2 - cut)
-
-    rough = jax.vmap(of_one)(y.x, motion.surfaces.curves, motion.sigma, equation.scene.bending)
-    return lax.stop_gradient(jnp.any(rough))
-
-
-def initial_state(equation: Equation, march: AbstractMarch, average: Array | None = None) -> State:
-    """The state at t = 0."""
-    y = equation.start()
-    zero = jnp.zeros(())
-    window = None
-    if average is not None:
-        integrals = jax.tree.map(lambda leaf: jnp.zeros((2, *leaf.shape)), y.integrals)
-        window = Window(as_float(average), jnp.zeros(2), integrals)
-    count = jnp.int32(0)
-    return State(
-        zero, y, march.first_step(), jnp.ones(()), _inclinations(y.x), window, count, count, jnp.int32(status.RUNNING)
-    )
-
-
-def observe(equation: Equation, t: Scalar, y: Unknowns, angle: PerVesicle) -> dict[str, Array]:
+def observe(
+    equation: Equation, t: Scalar, y: Unknowns, angle: PerVesicle, time_error: Scalar | None
+) -> dict[str, Array]:
     """What is saved of one instant, flat, by the names of the result file."""
     motion = equation.motion(t, y)
     tension = jax.vmap(membrane.physical_tension)(motion.surfaces.curves, motion.sigma, equation.scene.bending)
@@ -268,7 +63,9 @@ def observe(equation: Equation, t: Scalar, y: Unknowns, angle: PerVesicle) -> di
     if y.V_m is not None:
         out["V_m"] = y.V_m
     found = diagnostics.diagnose(equation, t, y, motion)
-    found["inclination_unwrapped"] = _turn(angle, found["inclination"])
+    found["inclination_unwrapped"] = turned(angle, found["inclination"])
+    if time_error is not None:
+        found["time_error"] = time_error
     return out | {f"diagnostics/{name}": value for name, value in found.items()}
 
 
@@ -306,7 +103,7 @@ class Checks(eqx.Module):
             code = jnp.where((code < status.UNRESOLVED) & unresolved, status.UNRESOLVED, code)
             collided = diagnostics.collides(curves)
             code = jnp.where(collided, status.COLLISION, code)
-        finite = jnp.isfinite(_max_norm((row["x"], row["tension"])))
+        finite = jnp.all(jnp.isfinite(row["x"])) & jnp.all(jnp.isfinite(row["tension"]))
         return jnp.where(finite, code, status.NOT_FINITE)
 
 
@@ -334,23 +131,75 @@ def advance(
 
     Rows after the end of a run are NaN. `stops` are instants at which steps must end.
     """
-    frozen = jax.tree.map(
-        lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), eqx.filter_eval_shape(equation.freeze, state.t, state.y)
-    )
+    run = _marched if march.recorded is None else _differentiable
+    return run(equation, march, state, times, stops, checks)
 
-    def to_save(carry, t_save):
-        state, cache = carry
-        ended = state.status != status.RUNNING
-        state, cache = march.to(t_save, state, equation, cache, stops)
-        row = observe(equation, state.t, state.y, state.angle)
+
+def _marched(equation, march, state, times, stops, checks):
+    journey, rows, _ = _travelled(march.begin(state, equation), equation, march, times, stops, checks)
+    return journey.state, rows
+
+
+def _travelled(journey: Journey, equation, march, times, stops, checks):
+    """The journey after the last of `times`, the rows, and the number of steps recorded before each, (K,)."""
+    stops = jnp.concatenate([stops, times])
+
+    def to_save(journey, t_save):
+        ended = journey.state.status != status.RUNNING
+        journey = march.to(t_save, journey, equation, stops)
+        state = journey.state
+        # Reverse mode makes what is observed anew, rather than keep all that it was made of.
+        row = eqx.filter_checkpoint(observe)(equation, state.t, state.y, state.angle, state.time_error)
         code = checks.judge(equation, state.t, state.y, row)
         code = jnp.where(state.status == status.RUNNING, code, state.status)
         broken = ended | (state.t < t_save)
         row = jax.tree.map(lambda leaf: jnp.where(broken, jnp.nan, leaf), row)
-        return (eqx.tree_at(lambda s: s.status, state, jnp.int32(code)), cache), row
+        journey = eqx.tree_at(lambda j: j.state.status, journey, jnp.int32(code))
+        return journey, (row, None if journey.tape is None else journey.tape.count)
 
-    (state, _), rows = lax.scan(to_save, (state, Cache(frozen, jnp.array(False))), times)
-    return state, rows
+    journey, (rows, counts) = lax.scan(to_save, journey, times)
+    return journey, rows, counts
+
+
+@eqx.filter_custom_jvp
+def _differentiable(equation, march, state, times, stops, checks):
+    return _marched(equation, march, state, times, stops, checks)
+
+
+@_differentiable.def_jvp
+def _differentiable_jvp(primals, tangents):
+    (*out, _, _), (*d_out, _, _) = eqx.filter_jvp(_recorded, primals, tangents)
+    return tuple(out), tuple(d_out)
+
+
+@eqx.filter_custom_jvp
+def _recorded(equation, march, state, times, stops, checks):
+    """As `advance`; also the tape, and how many steps of it lie before each row."""
+    journey = march.begin(state, equation)
+    journey = eqx.tree_at(
+        lambda j: j.tape, journey, Tape.blank(state.t, state.y, march.recorded), is_leaf=lambda leaf: leaf is None
+    )
+    journey, rows, counts = _travelled(journey, equation, march, times, stops, checks)
+    return journey.state, rows, journey.tape, counts
+
+
+@_recorded.def_jvp
+def _recorded_jvp(primals, tangents):
+    equation, march, start, times, stops, _ = primals
+    d_equation, _, d_start, d_times, d_stops, _ = tangents
+    state, rows, tape, counts = _recorded(*primals)
+    d_stops = jnp.concatenate([replay.filled(stops, d_stops), replay.filled(times, d_times)])
+    d_start = replay.filled(start, d_start)
+    d_tape = replay.along(march, equation, d_equation, tape, d_stops, d_start)
+
+    def row(equation, t, y):
+        # Neither which turn it is, nor the estimated error, has a derivative.
+        return observe(equation, t, y, jnp.zeros_like(start.angle), start.time_error)
+
+    d_rows = replay.of_each(row, equation, d_equation, tape, d_tape, counts)
+    d_rows = jax.tree.map(lambda leaf, d: jnp.where(jnp.isnan(leaf), 0.0, d), rows, d_rows)
+    d_state = replay.of_state(start, d_start, tape, d_tape)
+    return (state, rows, tape, counts), (d_state, d_rows, d_tape, None)
 
 
 def stops_of(scene: Scene, t_end, average=None) -> Float[Array, "S"]:
@@ -377,7 +226,7 @@ def simulate(
     """Runs a scene to `t_end`, saving at `saves` equally spaced instants besides t = 0.
 
     `march` defaults to `Adaptive()`; `average` is a window (start, end) of time averages. Pure: use it
-    under `jax.jit`, `jax.vmap`, `jax.jvp`, and with `Fixed` steps under `jax.grad`.
+    under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them.
     """
     march = Adaptive() if march is None else march
     equation = equation_for(
@@ -385,7 +234,7 @@ def simulate(
     )
     checks = Checks() if checks is None else checks
     state = initial_state(equation, march, average)
-    first = observe(equation, state.t, state.y, state.angle)
+    first = observe(equation, state.t, state.y, state.angle, state.time_error)
     times = as_float(t_end) * jnp.arange(1, saves + 1) / saves
     state, rows = advance(equation, march, state, times, stops_of(scene, t_end, average), checks)
     rows = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rows)

@@ -17,6 +17,7 @@ import numpy as np
 
 from . import diagnostics, marching, phases, status, store
 from .build import build
+from .certificate import certificate
 from .marching import State
 from .problem import NotRelaxed, Problem, awaited, problem_of, relaxed, starting_scene, strengthened
 from .scenefile import to_toml
@@ -125,7 +126,8 @@ def run(
             else:
                 word, advice = begun.failed.word, f"{begun.failed}."
             begun.rows.write()
-            writer.finish(word, advice, time.perf_counter() - began, _averages(begun))
+            links = certificate(writer.diagnostics())
+            writer.finish(word, advice, time.perf_counter() - began, _averages(begun), links)
         except store.StoreError as error:
             raise Broken(str(error)) from error
     return word

@@ -28,9 +28,10 @@ class Step(eqx.Module):
 
 
 class AbstractStepper(eqx.Module):
-    """A one-step method of order `order`."""
+    """A one-step method of order `order`; `has_error` when it comes with an embedded scheme."""
 
     order: eqx.AbstractClassVar[int]
+    has_error: eqx.AbstractClassVar[bool]
 
     @abc.abstractmethod
     def step(self, equation, frozen, t: Scalar, y: PyTree[Array], h: Scalar) -> Step:
@@ -45,6 +46,7 @@ class SemiImplicitEuler(AbstractStepper):
     """(1 - hA)(y₊ - y) = h F(y): the paper's scheme, first order, geometry and field lagged."""
 
     order = 1
+    has_error = False
 
     def step(self, equation, frozen, t, y, h):
         increment = frozen.implicit(h).solve(jax.tree.map(lambda f: h * f, equation.rate_of(frozen, t)))
@@ -76,6 +78,7 @@ class AdditiveRungeKutta(AbstractStepper):
     """
 
     tableau: eqx.AbstractClassVar[Tableau]
+    has_error = True
 
     def step(self, equation, frozen, t, y, h):
         table = self.tableau

@@ -22,7 +22,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from . import status
+from . import certificate, status
 from .hdf5 import (
     Description,
     StoreError,
@@ -161,11 +161,27 @@ class Writer:
         self._free, self._valid = self._valid, self._free
         self.saved = saved
 
-    def finish(self, status: str, advice: str, wall_time: float, averages: dict[str, np.ndarray] | None = None) -> None:
+    def diagnostics(self) -> dict[str, np.ndarray]:
+        """The diagnostics of all saved times."""
+        start = "diagnostics/"
+        return {
+            name.removeprefix(start): dataset[: self.saved]
+            for name, dataset in self._rows.items()
+            if name.startswith(start)
+        }
+
+    def finish(
+        self,
+        status: str,
+        advice: str,
+        wall_time: float,
+        averages: dict[str, np.ndarray] | None = None,
+        links: dict[str, certificate.Link] | None = None,
+    ) -> None:
         """Cuts off the rows never written and says how the run ended.
 
         `wall_time` in seconds adds to that of earlier parts of a resumed run; `averages` over time are
-        named like the diagnostics they belong to.
+        named like the diagnostics they belong to; `links` are the certificate.
         """
         with named_errors("write", self.path), self._rebuilding() as file:
             # The file's own count: an interrupt may have come between its commit and `self.saved`.
@@ -173,6 +189,8 @@ class Writer:
                 dataset.resize(file.attrs["saved"], axis=0)
             for name, value in (averages or {}).items():
                 create_average(file, name, value)
+            if links:
+                _certify(file, links)
             file.attrs.update(status=status, advice=advice, wall_time=file.attrs["wall_time"] + wall_time)
 
     def close(self) -> None:
@@ -209,6 +227,16 @@ class Writer:
         self._open(self.path)
 
 
+def _certify(file: h5py.File, links: dict[str, certificate.Link]) -> None:
+    """One labelled number a link in `/certificate`, and which is the weakest."""
+    group = file.create_group("certificate")
+    for name, link in links.items():
+        group[name] = link.value
+        group[name].attrs.update(units=link.units, long_name=link.long_name)
+    weak = certificate.weakest(links)
+    group.attrs.update(weakest=weak, digits=links[weak].digits)
+
+
 def is_done(path: str | os.PathLike, scene_text: str) -> bool:
     """Whether the run of this scene has nothing left to do.
 
@@ -243,6 +271,8 @@ def resume(path: str | os.PathLike) -> tuple[Writer, dict[str, np.ndarray]]:
                 dataset.resize(file.attrs["saves"], axis=0)
             if "averages" in file:
                 delete_averages(file)
+            if "certificate" in file:
+                del file["certificate"]
             file.attrs.update(status="running", advice="")
     writer = Writer.__new__(Writer)
     writer._open(path)

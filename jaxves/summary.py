@@ -12,6 +12,7 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from . import pairphases, phases, status
+from .certificate import certificate, weakest
 from .store import Record
 
 _SHOWN = (
@@ -47,7 +48,10 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     if "line_angle" in record.diagnostics and "dipole" in record.diagnostics:
         yield f"pair: {pair_class(record)}"
     yield _quantities(record)
-    yield "quality: " + ", ".join(f"{name} {value:.1e}" for name, value in quality(record).items())
+    links = certificate(record.diagnostics)
+    weak = weakest(links)
+    yield f"digits: {links[weak].digits:.1f} at the weakest link, {weak} ({links[weak].long_name})"
+    yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
     for name, value in (record.averages or {}).items():
         yield f"average {name}: {value.tolist()}"
 
@@ -58,18 +62,6 @@ def pair_class(record: Record) -> str:
     found = record.diagnostics
     history = (found[name] for name in ("line_angle", "separation", "min_gap"))
     return pairphases.classify(record.t, *history, float(np.arctan2(y, x)))
-
-
-def quality(record: Record) -> dict[str, float]:
-    """How well what should hold does hold, at worst over all saved times."""
-    found = record.diagnostics
-    return {
-        "area drift": np.abs(found["area"] / found["area"][0] - 1).max(),
-        "perimeter drift": np.abs(found["length"] / found["length"][0] - 1).max(),
-        "spectral tail": found["spectral_tail"].max(),
-        "energy balance": np.abs(found["power_balance"]).max() / max(np.abs(found["dissipation"]).max(), 1e-300),
-        "solver residual": found["residual"].max(),
-    }
 
 
 def _quantities(record: Record) -> Table:

@@ -1,0 +1,138 @@
+"""What does a derivative cost, in time and in memory?
+
+    python -m experiments.derivative_cost          # table and a figure
+
+A vesicle in a field, N = 64, differentiated with respect to β, Λ, G, χ and the permittivity ratio: along one direction
+(jvp) and with respect to all of them (grad), in units of the run itself. Calls take turns, each timed warm. Memory is
+counted twice: what the compiled program allocates, and the greatest resident size of a process that does nothing else
+(with the compiled program from the cache), less that of the same process doing the run alone.
+
+What to expect: about 2.5 for a direction, 3.5 where the steps are recorded, below 5 for the gradient, whatever the
+number of steps; memory grows by the states alone.
+"""
+
+import json
+import resource
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxves import plot, shapes
+from jaxves.marching import AbstractMarch, Adaptive, Fixed, simulate
+from jaxves.scene import dc_field, make_scene
+
+from ._common import interleaved, medians, save, store, styled
+
+NUMBERS = (3.2, 0.1, 0.0, 0.08, 1.0)
+STEP = 1e-3
+KINDS = ("fixed", "adaptive", "adaptive, not recorded")
+
+
+def march_of(kind: str, steps: int) -> AbstractMarch:
+    """As many steps of `STEP`; adaptive ones, which begin smaller, are a few more."""
+    if kind == "fixed":
+        return Fixed(steps)
+    return Adaptive(1e-3, largest=STEP, recorded=steps + 50 if kind == "adaptive" else None)
+
+
+def calls_of(kind: str, steps: int, N: int) -> dict:
+    """The run, its jvp and its gradient, as functions of `NUMBERS`."""
+    ellipse, march = shapes.ellipse(N, 0.9, angle=jnp.pi / 2), march_of(kind, steps)
+
+    def run(numbers):
+        beta, ratio, conductance, chi, permittivity = numbers
+        field = dc_field(
+            beta,
+            conductivity_ratio=ratio,
+            membrane_conductance=conductance,
+            chi=chi,
+            permittivity_ratio=permittivity,
+        )
+        result = simulate(make_scene(ellipse, field=field), steps * STEP, saves=1, march=march)
+        return result.diagnostics["deformation"][-1, 0], (result.state.steps, result.status)
+
+    def jvp(numbers):
+        return jax.jvp(run, (numbers,), (jnp.ones(5),), has_aux=True)
+
+    found = {"run": jax.jit(run), "jvp": jax.jit(jvp)}
+    if kind != "adaptive, not recorded":
+        found["grad"] = jax.jit(jax.value_and_grad(run, has_aux=True))
+    return found
+
+
+def run(kinds=KINDS, steps=(250, 2000), N=64, repeats=3, processes=True):
+    """{kind: {steps: {steps made, {call: seconds, ratio, MB allocated, MB resident}}}}."""
+    return {kind: {count: _costs(kind, count, N, repeats, processes) for count in steps} for kind in kinds}
+
+
+def _costs(kind, steps, N, repeats, processes):
+    numbers = jnp.array(NUMBERS)
+    compiled = {name: call.lower(numbers).compile() for name, call in calls_of(kind, steps, N).items()}
+    made, code = compiled["run"](numbers)[1]
+    seconds = medians(interleaved({name: lambda c=c: c(numbers) for name, c in compiled.items()}, repeats))
+    table = {"steps": int(made), "status": int(code), "calls": {}}
+    for name, call in compiled.items():
+        memory = call.memory_analysis()
+        table["calls"][name] = {
+            "seconds": seconds[name],
+            "ratio": seconds[name] / seconds["run"],
+            "MB allocated": (memory.temp_size_in_bytes + memory.output_size_in_bytes) / 1e6,
+            "MB resident": _resident(kind, steps, N, name) if processes else np.nan,
+        }
+    return table
+
+
+def _resident(kind, steps, N, name) -> float:
+    """The greatest resident size, in MB, of a process that makes one call."""
+    command = [sys.executable, "-m", __spec__.name, json.dumps([kind, steps, N, name])]
+    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+def _alone(kind, steps, N, name):
+    jax.block_until_ready(calls_of(kind, steps, N)[name](jnp.array(NUMBERS)))
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3)
+
+
+@styled
+def draw(found) -> Figure:
+    """Ratios and allocated memory against the number of steps."""
+    figure = Figure(figsize=(plot.PAGE, 2.3))
+    time, memory = figure.subplots(1, 2)
+    for i, (kind, tables) in enumerate(found.items()):
+        steps = [table["steps"] for table in tables.values()]
+        for name, style in (("jvp", "--s"), ("grad", "-o")):
+            if name in next(iter(tables.values()))["calls"]:
+                rows = [table["calls"][name] for table in tables.values()]
+                time.semilogx(
+                    steps, [row["ratio"] for row in rows], style, color=f"C{i}", ms=3, label=f"{name}, {kind}"
+                )
+                memory.loglog(steps, [row["MB allocated"] for row in rows], style, color=f"C{i}", ms=3)
+    time.set(xlabel="steps", ylabel="time / that of the run", ylim=(0, None))
+    memory.set(xlabel="steps", ylabel="memory allocated (MB)")
+    time.legend(fontsize=6)
+    return figure
+
+
+def main():
+    if len(sys.argv) > 1:
+        _alone(*json.loads(sys.argv[1]))
+        return
+    found = run()
+    print(f"{'':24}{'steps':>6} {'call':5}{'seconds':>9}{'ratio':>7}{'MB allocated':>14}{'MB resident':>13}")
+    for kind, tables in found.items():
+        for table in tables.values():
+            for name, row in table["calls"].items():
+                print(
+                    f"{kind:24}{table['steps']:6} {name:5}{row['seconds']:9.2f}{row['ratio']:7.2f}"
+                    f"{row['MB allocated']:14.1f}{row['MB resident']:13.0f}"
+                )
+    store("derivative_cost", found)
+    save(draw(found), "derivative_cost")
+
+
+if __name__ == "__main__":
+    main()
