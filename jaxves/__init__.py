@@ -73,6 +73,7 @@ _LAYERS = {
     "critical_field": (),
     "transforms": (),
     "fit": (),
+    "resolution": (),
     "runner": ("run",),
     # sweeps: many cases of one scene
     "sweeptables": (),

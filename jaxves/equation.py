@@ -433,18 +433,28 @@ class Equation(eqx.Module):
         mu = constraint.tension.solve(fourier.low_pass(stretch, self.filter.surface)).value
         return fourier.low_pass(dx + jnp.einsum("aij,j->ia", constraint.spread, mu), self.filter.x, axis=0)
 
-    def start(self) -> Unknowns:
-        """The starting state: filtered, then projected until metric and area hold to round-off."""
-        scene = self.scene
-        V_m = None
-        if scene.field is not None:
-            V_m = jnp.zeros(scene.x.shape[:2]) if scene.V_m is None else scene.V_m
-        y = self.filtered(Unknowns(scene.x, V_m))
+    def settled(self, y: Unknowns) -> Unknowns:
+        """y filtered, then projected until metric and area hold to round-off."""
 
         def once(y, _):
             return self.project(y, self._constraint(Surfaces.of(y.x, electric=False))), None
 
-        y, _ = jax.lax.scan(once, y, length=4)
+        return jax.lax.scan(once, self.filtered(y), length=4)[0]
+
+    def with_nodes(self, N: int) -> "Equation":
+        """The same with N nodes a membrane, which return to the same areas and perimeters."""
+        x = fourier.resample(self.scene.x, N, axis=1)
+        scene = eqx.tree_at(lambda s: (s.x, s.V_m), self.scene, (x, None), is_leaf=lambda leaf: leaf is None)
+        solver = linear.for_second_kind(N)
+        return Equation(scene, self.area, self.speed, Filter.for_nodes(N), solver, self.integrands)
+
+    def start(self) -> Unknowns:
+        """The starting state, settled."""
+        scene = self.scene
+        V_m = None
+        if scene.field is not None:
+            V_m = jnp.zeros(scene.x.shape[:2]) if scene.V_m is None else scene.V_m
+        y = self.settled(Unknowns(scene.x, V_m))
         if self.integrands is not None:
             shapes = jax.eval_shape(lambda y: self.rate(jnp.zeros(()), y), y).integrals
             y = Unknowns(y.x, y.V_m, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), shapes))

@@ -197,8 +197,8 @@ def _recorded_jvp(primals, tangents):
         return observe(equation, t, y, jnp.zeros_like(start.angle), start.time_error)
 
     d_rows = replay.of_each(row, equation, d_equation, tape, d_tape, counts)
-    d_rows = jax.tree.map(lambda leaf, d: jnp.where(jnp.isnan(leaf), 0.0, d), rows, d_rows)
-    d_state = replay.of_state(start, d_start, tape, d_tape)
+    d_rows = jax.tree.map(lambda row, d: jnp.where(jnp.isnan(row), 0.0, d), rows, replay.filled(rows, d_rows))
+    d_state = replay.of_state(state, start, d_start, tape, d_tape)
     return (state, rows, tape, counts), (d_state, d_rows, d_tape, None)
 
 

@@ -29,6 +29,11 @@ def filled(tree: PyTree, tangents: PyTree) -> PyTree:
     return jax.tree.map(fill, tree, tangents)
 
 
+def _only(tree: PyTree, where, values) -> PyTree:
+    """Tangents of a tree that are None but at these places."""
+    return eqx.tree_at(where, jax.tree.map(lambda _: None, tree), values, is_leaf=lambda leaf: leaf is None)
+
+
 @jax.custom_batching.custom_vmap
 def _longest(count: Int[Array, ""]) -> Int[Array, ""]:
     """The count itself; in a batch the largest, and not batched: it decides for all lanes whether a step is made."""
@@ -64,7 +69,7 @@ def along(march, equation, d_equation, tape: Tape, d_stops: Array, d_start: Stat
     start = (d_start.t, d_start.y)
     _, later = lax.scan(body, start, slots)
     d_t, d_y = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), start, later)
-    return Tape(d_t, d_y, None, None)
+    return _only(tape, lambda tape: (tape.t, tape.y), (d_t, d_y))
 
 
 def of_each(observe, equation, d_equation, tape: Tape, d_tape: Tape, places: Int[Array, "K"]):
@@ -81,8 +86,8 @@ def of_each(observe, equation, d_equation, tape: Tape, d_tape: Tape, places: Int
     return lax.map(at, jax.tree.map(lambda leaf: leaf[places], ((tape.t, tape.y), (d_tape.t, d_tape.y))))
 
 
-def of_state(start: State, d_start: State, tape: Tape, d_tape: Tape) -> State:
-    """Tangents of the state at the end of the tape."""
+def of_state(state: State, start: State, d_start: State, tape: Tape, d_tape: Tape) -> State:
+    """Tangents of the state at the end of the tape, which began at `start`."""
     y, d_t, d_y = jax.tree.map(lambda leaf: leaf[tape.count], (tape.y, d_tape.t, d_tape.y))
     _, d_angle = jax.jvp(stepping.inclinations, (y,), (d_y,))
     d_window = d_start.window
@@ -96,4 +101,4 @@ def of_state(start: State, d_start: State, tape: Tape, d_tape: Tape) -> State:
 
         integrals = jax.tree.map(at_ends, d_tape.y.integrals, d_window.integrals)
         d_window = stepping.Window(d_window.ends, at_ends(d_tape.t, d_window.reached), integrals)
-    return State(d_t, d_y, None, None, None, d_angle, d_window, None, None, None)
+    return _only(state, lambda s: (s.t, s.y, s.angle, s.window), (d_t, d_y, d_angle, d_window))

@@ -19,7 +19,8 @@ from . import diagnostics, marching, phases, status, store
 from .build import build
 from .certificate import certificate
 from .marching import State
-from .problem import NotRelaxed, Problem, awaited, problem_of, relaxed, starting_scene, strengthened
+from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
+from .resolution import Resolution, resolution_of
 from .scenefile import to_toml
 from .scenetables import SceneFile
 
@@ -31,11 +32,6 @@ Progress = Callable[[float, str], None]  # time reached, what to say of it
 
 class Broken(Exception):
     """The result file cannot be written any more; what it has is kept."""
-
-
-@eqx.filter_jit
-def _march(problem: Problem, state: State, t_save):
-    return marching.advance(problem.equation, problem.march, state, t_save[None], problem.stops, problem.checks)
 
 
 @eqx.filter_jit
@@ -136,7 +132,7 @@ def run(
 class _Begun(NamedTuple):
     """A run with its file open, at the last row in it."""
 
-    problem: Problem
+    resolution: Resolution
     state: State
     rows: _Rows
     failed: NotRelaxed | None = None
@@ -154,10 +150,12 @@ def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> 
             failed = error
     progress(0.0, "compiling")
     problem = strengthened(problem_of(scene_file, scene))
-    state, row = _stepped(problem, problem.state, 0.0)
+    resolution = resolution_of(scene_file, problem)
+    state, row = resolution.row(problem.state, 0.0)
+    row = resolution.stored(row)
     # Nothing has moved; but a start may be beyond the limits already.
     state = eqx.tree_at(lambda s: s.status, problem.state, state.status)
-    M, N = scene.x.shape[:2]
+    _, M, N = row["x"].shape[:3]
     writer = store.Writer(
         path,
         scene_text=to_toml(scene_file),
@@ -171,7 +169,7 @@ def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> 
     rows = _Rows(writer, None if failed else np.asarray(scene.x))
     rows.add(row, state)
     rows.write()
-    return _Begun(problem, state, rows, failed)
+    return _Begun(resolution, state, rows, failed)
 
 
 def _continued(scene_file: SceneFile, path: Path) -> _Begun:
@@ -184,21 +182,12 @@ def _continued(scene_file: SceneFile, path: Path) -> _Begun:
     rows = _Rows(writer, start)
     rows.deformation.extend(deformation)
     rows.state = _restored(problem.state, leaves)
-    return _Begun(problem, rows.state, rows)
-
-
-def _stepped(problem: Problem, state: State, t_save: float) -> tuple[State, dict[str, np.ndarray]]:
-    """The state at the next saved time, and the row for it: empty when the run ended before."""
-    state, row = awaited(_march(problem, state, np.asarray(t_save)))
-    row = {name: np.asarray(value) for name, value in row.items()}
-    row["nodes"] = np.full((1, row["x"].shape[1]), row["x"].shape[2])
-    there = ~np.isnan(row["t"])
-    return state, {name: value[there] for name, value in row.items()}
+    return _Begun(resolution_of(scene_file, problem), rows.state, rows)
 
 
 def _marched(scene_file: SceneFile, begun: _Begun, progress: Progress) -> int:
     """Marches to the end of the run; returns its status."""
-    problem, state, rows, _ = begun
+    resolution, state, rows, _ = begun
     wanted = None if scene_file.stop is None else scene_file.stop.class_
 
     def code() -> int:
@@ -212,7 +201,7 @@ def _marched(scene_file: SceneFile, begun: _Begun, progress: Progress) -> int:
         for t_save in times[rows.writer.saved :]:
             if found != status.RUNNING:
                 break
-            state, row = _stepped(problem, state, t_save)
+            state, row = resolution.stepped(state, t_save)
             rows.add(row, state)
             found = code()
             progress(float(state.t), f"{int(state.steps)} steps")
@@ -225,4 +214,4 @@ def _averages(begun: _Begun) -> dict[str, np.ndarray] | None:
     window = begun.rows.state.window
     if window is None or not window.reached[1] > window.reached[0]:
         return None
-    return {name: np.asarray(value) for name, value in _means(window, begun.problem.equation.scene).items()}
+    return {name: np.asarray(value) for name, value in _means(window, begun.resolution.first.equation.scene).items()}
