@@ -445,8 +445,8 @@ class Equation(eqx.Module):
         """The same with N nodes a membrane, which return to the same areas and perimeters."""
         x = fourier.resample(self.scene.x, N, axis=1)
         scene = eqx.tree_at(lambda s: (s.x, s.V_m), self.scene, (x, None), is_leaf=lambda leaf: leaf is None)
-        solver = linear.for_second_kind(N)
-        return Equation(scene, self.area, self.speed, Filter.for_nodes(N), solver, self.integrands)
+        cut = Filter.for_nodes(N)
+        return Equation(scene, self.area, self.speed, cut, self.solver, self.coupling, self.integrands)
 
     def start(self) -> Unknowns:
         """The starting state, settled."""

@@ -45,6 +45,12 @@ def _resampled(equation: Equation, y: Unknowns) -> Unknowns:
     return equation.settled(Unknowns(fourier.resample(y.x, N, axis=1), V_m, y.integrals))
 
 
+def _finer(f: np.ndarray, K: int) -> np.ndarray:
+    """f (T, M, N, ...) on K nodes."""
+    N = f.shape[2]
+    return f if K == N else np.moveaxis(np.moveaxis(f, 2, -1) @ fourier.resampling_matrix(N, K).T, -1, 2)
+
+
 def _tail(f: np.ndarray, N: int, cut: int) -> float:
     """As `fourier.spectral_tail`, of f (M, nodes, ...) were it given on N nodes; at worst."""
     size = np.abs(np.fft.rfft(f, axis=1)).reshape(len(f), f.shape[1] // 2 + 1, -1).max(axis=2)
@@ -97,12 +103,9 @@ class Resolution:
 
     def stored(self, row: Row) -> Row:
         """The row with the number of nodes that all rows have, and the number that was used."""
-        _, M, N = row["x"].shape[:3]
-        K = self.sizes[-1]
-        finer = {
-            name: np.asarray(fourier.resample(row[name], K, axis=2)) for name in ("x", "V_m", "tension") if name in row
-        }
-        return row | finer | {"nodes": np.full((len(row["t"]), M), N)}
+        count, M, N = row["x"].shape[:3]
+        finer = {name: _finer(row[name], self.sizes[-1]) for name in ("x", "V_m", "tension") if name in row}
+        return row | finer | {"nodes": np.full((count, M), N)}
 
     def stepped(self, state: State, t_save: float) -> tuple[State, Row]:
         """The state to go on with from the next saved time, and the row for it: empty when the run ended before."""

@@ -151,8 +151,9 @@ class StopTable(Table):
 class NumericsTable(Table):
     """How it is computed.
 
-    `nodes = "auto"` takes the fewest of 64, 96, 128, 192 and 256 with which the starting curves are resolved: the
-    top of their spectra is below 1e-6 of the largest mode. The number then stays, and `/nodes` of the result tells it.
+    `nodes = "auto"` begins with the fewest of 64, 96, 128, 192 and 256 with which the starting curves are resolved: the
+    top of their spectra is below 1e-6 of the largest mode. Then it follows what shape, potential and tension need, as
+    `resolution` tells; `/nodes` of the result holds what was used, and all rows are given on 256 nodes.
 
     `solver`: "dense" factorises the systems that couple all membranes, "matrix-free" never forms a matrix of two
     membranes unless they are near, "auto" goes by size. `neighbours` is the room for near pairs without matrices, per

@@ -1,0 +1,69 @@
+"""`nodes = "auto"`: what the monitor sees, and a run that takes more and fewer nodes on its way."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from conftest import star
+from test_runner import Stops, contents
+
+from jaxves import fourier, problem, resolution, runner, store
+from jaxves.equation import Filter
+from jaxves.scenefile import parse
+
+
+def pop(nodes):
+    text = "t_end = 0.8\nsaves = 16\n[[vesicle]]\nreduced_area = 0.9\nangle = 90.0\n"
+    text += "[field]\nbeta = 3.2\nconductivity_ratio = 0.1\n"
+    return parse(tomllib.loads(text + f"[numerics]\ntolerance = 1e-4\nnodes = {nodes}\n"))
+
+
+def row(N, **changed):
+    """One saved instant of a star whose tension and potential are smooth."""
+    x = np.asarray(star(N))[None, None]
+    found = {"x": x, "tension": x[..., 0], "V_m": x[..., 1]}
+    return found | {"diagnostics/length": np.array([[7.0]]), "diagnostics/self_gap": np.array([[np.inf]])} | changed
+
+
+def test_the_monitor_is_the_spectral_tail_of_a_resampled_curve():
+    x = star(96)
+    for N in (32, 48, 96):
+        cut = Filter.for_nodes(N).x
+        tail = fourier.spectral_tail(fourier.resample(x, N, axis=0), cut)
+        np.testing.assert_allclose(resolution._tail(np.asarray(x)[None], N, cut), tail, rtol=1e-6, atol=1e-15)
+
+
+def test_the_monitor_asks_for_what_shape_potential_or_tension_lack():
+    k = 22
+    ripple = 1e-3 * np.cos(k * np.asarray(fourier.grid(64)))
+    smooth = row(64)
+    assert resolution.demand(smooth, 64) < 1e-12
+    for name, factor in (("V_m", 1.0), ("tension", 1e-3)):
+        rough = row(64, **{name: smooth[name] + ripple})
+        assert 1e-4 < resolution.demand(rough, 48) / factor < 1e-2  # the mode is among the last of 48 nodes,
+        assert resolution.demand(rough, 64) < 1e-12  # and far from the last of 64
+    assert resolution.necks_hold(smooth, 32)
+    assert not resolution.necks_hold(row(64, **{"diagnostics/self_gap": np.array([[0.3]])}), 64)
+
+
+@pytest.mark.slow
+def test_a_run_takes_the_nodes_that_it_needs(tmp_path, monkeypatch):
+    """Squaring wants 64, on the way back too; between 48 do. Same answer as with 64, and the same bits when resumed."""
+    for module in (problem, resolution):
+        monkeypatch.setattr(module, "AUTO_NODES", (48, 64))
+    auto, fixed, parts = (tmp_path / name for name in ("auto.h5", "fixed.h5", "parts.h5"))
+    assert runner.run(pop('"auto"'), auto) == "complete"
+    found = store.load(auto)
+    assert found.x.shape == (17, 1, 64, 2)
+    used = found.nodes[:, 0]
+    assert set(used) == {48, 64} and used[0] == 64
+    assert np.any(np.diff(used) > 0)  # and more again, when it came back
+    for name in ("area", "length"):
+        np.testing.assert_allclose(found.diagnostics[name], found.diagnostics[name][0], rtol=1e-6)
+    assert found.diagnostics["metric_error"].max() < 1e-4
+    assert runner.run(pop(64), fixed) == "complete"
+    right = store.load(fixed)
+    assert np.max(np.abs(found.x - right.x)) < 1e-4 and np.max(np.abs(found.V_m - right.V_m)) < 1e-3
+    assert runner.run(pop('"auto"'), parts, progress=Stops(9)) == "interrupted"
+    assert runner.run(pop('"auto"'), parts, resume=True) == "complete"
+    assert contents(parts) == contents(auto)
