@@ -91,7 +91,7 @@ def sweep(
         raise StoreError(f"{path}: force replaces the file and resume continues it, give one of them.")
     if resume:
         _check_resumable(path, plan)
-    elif path.exists() and not force:
+    elif team.is_first() and path.exists() and not force:
         raise StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
     runnable = np.delete(plan.values, list(plan.refused), axis=0)
     fixed = with_fixed_nodes(source, plan.names, runnable)
