@@ -23,7 +23,7 @@ _LAYERS = {
     "status": (),
     # geometry
     "curve": ("Curve",),
-    "shapes": ("circle", "ellipse", "through_points"),
+    "shapes": ("circle", "ellipse", "ellipse_of_excess", "through_points"),
     # potentials: of one curve, at points away from it, and between curves
     "potentials": (),
     "interactions": ("Pairwise",),

@@ -223,15 +223,18 @@ def _judged(starts: tuple[Start, ...], inside: Mapping[str, Box], args) -> Fit:
     r, jacobian = _linear(as_float(transforms.to_z(best.ended, inside)), args)
     to_coordinate, to_value = transforms.slopes(best.ended, inside)
     fisher = np.asarray(jacobian) / to_coordinate
+    # What is round-off beside the others says nothing, and must not say it of combinations with them.
+    said = np.max(np.abs(fisher), axis=0)
+    fisher[:, said < 1e-9 * np.max(said)] = 0.0
     _, singular, axes = np.linalg.svd(fisher, full_matrices=False)
-    tiny = np.finfo(float).tiny
-    half = NORMAL_95 / np.maximum(singular, tiny)
-    covariance = (axes.T / np.maximum(singular, tiny) ** 2) @ axes
+    singular = np.maximum(singular, 1e-100)
+    half = NORMAL_95 / singular
+    covariance = (axes.T / singular**2) @ axes
     sizes = NORMAL_95 * np.sqrt(np.diag(covariance))
     intervals = {}
     for (name, box), size, scale in zip(inside.items(), sizes, to_value, strict=True):
-        value = best.ended[name]
-        low, high = (value * np.exp([-size, size])) if box.positive else (value + scale * np.array([-size, size]))
+        value, both = best.ended[name], np.array([-size, size])
+        low, high = value * np.exp(np.clip(both, -600, 600)) if box.positive else value + scale * both
         intervals[name] = (float(low), float(high))
     loose = tuple(_in_words(axis, inside) for axis, size in zip(axes, half, strict=True) if size > _LOOSE)
     return Fit(

@@ -106,3 +106,22 @@ def test_a_curve_through_points_of_an_ellipse_is_that_ellipse_either_way_round()
         np.testing.assert_allclose(curve.length(c), 2 * np.pi, rtol=1e-6)
         np.testing.assert_allclose(curve.reduced_area(c), curve.reduced_area(Curve.from_nodes(ellipse(96))), rtol=1e-6)
         assert np.ptp(c.speed) < 1e-4
+
+
+@pytest.mark.parametrize("reduced_area", [0.25, 0.5, 0.9, 0.999])
+def test_an_ellipse_of_given_excess_is_that_of_the_reduced_area(reduced_area):
+    excess = np.sqrt(1 - reduced_area)
+    found = shapes.ellipse_of_excess(64, excess, angle=0.3, length=2.0)
+    np.testing.assert_allclose(found, shapes.ellipse(64, reduced_area, angle=0.3, length=2.0), atol=1e-11)
+
+
+def test_a_circle_has_a_derivative_in_its_excess():
+    """r = 1 + n cos 2θ with n = √(2/3) excess; nodes move along, too, to stay equispaced."""
+
+    def nodes(excess):
+        return shapes.ellipse_of_excess(32, excess)
+
+    slope = jax.jit(jax.jacfwd(nodes))(0.0)
+    np.testing.assert_allclose(jax.jit(jax.jacrev(nodes))(0.0), slope, atol=1e-13)
+    outward = jnp.sum(slope * shapes.circle(32), axis=-1)
+    np.testing.assert_allclose(outward, np.sqrt(2 / 3) * np.cos(2 * fourier.grid(32)), atol=1e-12)
