@@ -34,13 +34,13 @@ def scene(
 
 
 def resolved(nodes, film: float, t_end: float, saves: int, *, turned: float = 270.0, **parameters) -> dict:
-    """The history of a pair with the first of `nodes` whose nodes resolve its film down to `film`, and its class.
+    """The history of a pair, and its class: with the first of `nodes` that resolve the film until the class is known.
 
     Ends early once the class is known: in line with the gap below `film`, or turned by `turned` degrees.
     """
     for N in nodes:
         found = history(scene(N=N, **parameters), t_end, saves, thinnest=film, turned=turned)
-        if found["word"] != "unresolved":
+        if found["word"] != "unresolved" or classified(found) != "open":
             break
     return found | {"N": N, "class": classified(found), "turns": float(np.sign(found["angle"][-1] - found["angle"][0]))}
 
@@ -64,8 +64,11 @@ def summary(found: dict) -> str:
 
 
 def stored(found: dict) -> dict:
-    """What of a history is worth storing: numbers, but none of single nodes."""
-    return {name: value for name, value in found.items() if name not in ("x", "V_m", "tension", "center", "steps")}
+    """What of a history is worth storing."""
+    last = {name: found[name][-1] for name in ("tank_treading_speed", "traction_ratio", "deformation")}
+    tails = {name: found[name].max() for name in ("spectral_tail", "tension_tail")}
+    kept = ("word", "N", "class", "turns", "swings", "t", "angle", "separation", "min_gap")
+    return {name: found[name] for name in kept if name in found} | {"last": last, "greatest": tails}
 
 
 def history(

@@ -16,12 +16,12 @@ from experiments.pairs import COLORS
 from jaxves import plot
 
 OFFSETS, RATIOS = (10.0, 40.0, 60.0, 80.0), (0.1, 0.3, 0.5)
-AREAS = {0.7: (4.8, (96, 128)), 0.99: (2.4, (64, 96, 128))}
+AREAS = {0.7: (4.8, (96, 128)), 0.99: (2.4, (64, 128))}
 FILM = 0.03
 QUICK = dict(offsets=(40.0,), ratios=(0.5,), areas={0.99: (2.4, (32,))}, t_end=0.5, saves=4, nodes=(32,))
 
 
-def run(offsets=OFFSETS, ratios=RATIOS, areas=AREAS, t_end=8.0, saves=80, nodes=(64, 96, 128)):
+def run(offsets=OFFSETS, ratios=RATIOS, areas=AREAS, t_end=8.0, saves=80, nodes=(64, 128)):
     """{("offset", Λ, degrees) or ("area", Λ, Δ): history with class}."""
     found = {}
     for ratio in ratios:

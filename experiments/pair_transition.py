@@ -23,7 +23,7 @@ FILM = 0.03
 QUICK = dict(ratios=(0.1,), conductances=(4.0,), t_end=0.5, saves=4, nodes=(32,))
 
 
-def run(ratios=RATIOS, conductances=CONDUCTANCES, t_end=12.0, saves=120, nodes=(64, 96)):
+def run(ratios=RATIOS, conductances=CONDUCTANCES, t_end=12.0, saves=120, nodes=(64, 128)):
     """{(Λ, G): history with class, complete swings beyond a degree about the field, least curvature at each save}."""
     found = {}
     for ratio in ratios:

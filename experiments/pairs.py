@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from experiments import _common, _pairs
 from jaxves import plot
 
-RATIOS = (0.1, 0.3, 0.5, 1.0, 2.0, 5.0)
+RATIOS = (0.1, 0.3, 0.5, 0.8, 1.0, 2.0, 5.0)
 CONDUCTANCES = (0.0, 0.1, 1.0, 10.0)
 FILM = 0.03
 COLORS = {"chain": "C0", "oscillation": "C4", "circulation": "C1", "repulsion": "C3", "open": "0.6"}
@@ -28,8 +28,8 @@ QUICK = dict(ratios=(0.5, 2.0), conductances=(0.0,), nodes=(32,), ends={0.0: (0.
 def run(
     ratios=RATIOS,
     conductances=CONDUCTANCES,
-    nodes=(64, 96, 128),
-    ends={0.0: (8.0, 160), 0.1: (8.0, 160), 1.0: (400.0, 800), 10.0: (400.0, 800)},  # noqa: B006
+    nodes=(64, 128),
+    ends={0.0: (8.0, 160), 0.1: (8.0, 160), 1.0: (400.0, 800), 10.0: (100.0, 200)},  # noqa: B006
     special=(("aligned", 90.0, 3.2), ("side by side", 0.0, 2.0)),
     brief=(1.0, 20),
 ):

@@ -6,7 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from jaxves import pairphases
+from jaxves import pairphases, summary
+from jaxves.store import Record
 
 T = np.linspace(0, 8, 161)
 FIELD = np.pi / 2
@@ -74,3 +75,18 @@ def test_nothing_known_is_open():
 def test_classifying_saved_numbers_needs_no_jax():
     code = "import sys; from jaxves import pairphases; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_result_is_classified_in_the_frame_of_its_field():
+    """What `jaxves show` says: the field's direction is the scene's."""
+    t, angle, separation, gap = HISTORIES["straight to a chain"][1]
+    nothing = np.zeros((161, 2, 4))
+    found = {"line_angle": angle + np.pi / 2, "separation": separation, "min_gap": gap}
+
+    def class_in(direction):
+        scene = f"[field]\ndirection = {direction}\n"
+        shapes = np.zeros((161, 2, 4, 2)), None, nothing, np.full((161, 2), 4)
+        return summary.pair_class(Record(t, *shapes, found, None, {}, "complete", scene))
+
+    assert class_in([-1.0, 0.0]) == "chain"
+    assert class_in([0.0, 1.0]) == "open"
