@@ -36,12 +36,18 @@ def scene(
 def resolved(nodes, film: float, t_end: float, saves: int, *, turned: float = 270.0, **parameters) -> dict:
     """The history of a pair, and its class: with the first of `nodes` that resolve the film until the class is known.
 
-    Ends early once the class is known: in line with the gap below `film`, or turned by `turned` degrees.
+    Ends early once the class is known: in line with the gap below `film`, or turned by `turned` degrees. Where all
+    of them end as unresolved before that, the first goes on all the same, with "film" as its word.
     """
     for N in nodes:
         found = history(scene(N=N, **parameters), t_end, saves, thinnest=film, turned=turned)
         if found["word"] != "unresolved" or classified(found) != "open":
             break
+    else:
+        N = nodes[0]
+        going_on = Checks(film=np.inf)
+        found = history(scene(N=N, **parameters), t_end, saves, thinnest=film, turned=turned, checks=going_on)
+        found["word"] = "film"
     return found | {"N": N, "class": classified(found), "turns": float(np.sign(found["angle"][-1] - found["angle"][0]))}
 
 

@@ -3,8 +3,8 @@
     circulation   the line turned by half a turn or more: past the field's direction and on past the perpendicular
     oscillation   it swings about the field's direction, and the swings do not die away: twice or more beyond SWING,
                   the last complete one at least half of the largest
-    chain         it came to rest along the field: within ALIGNED of it for the last fifth of the time, in which the
-                  gap does not widen
+    chain         it came to rest along the field: within ALIGNED of it for the last fifth of the time, in which it
+                  moves by less than 2 SWING and the gap does not widen
     repulsion     they move apart without turning: within TURNED of where the line was, as far apart as never before
     open          none of these yet
 
@@ -55,7 +55,8 @@ def classify(t: History, angle: History, separation: History, gap: History, fiel
     if np.sum(sizes > SWING) >= 2 and sizes[-1] >= max(SWING, 0.5 * sizes.max()):
         return "oscillation"
     late = t >= t[-1] - 0.2 * (t[-1] - t[0])
-    if len(t) > 1 and np.all(np.abs(delta[late]) < ALIGNED) and gap[-1] <= gap[late][0]:
+    at_rest = np.all(np.abs(delta[late]) < ALIGNED) and np.ptp(delta[late]) < 2 * SWING
+    if len(t) > 1 and at_rest and gap[-1] <= gap[late][0]:
         return "chain"
     apart = separation[-1] > separation[0] and separation[-1] == separation.max()
     if apart and np.all(np.abs(delta - delta[0]) < TURNED):

@@ -41,7 +41,8 @@ ADVICE = {
     "steady": "The stop condition was met: nothing moves faster than the limit.",
     "class reached": "The stop condition was met.",
     "interrupted": "Everything up to here is kept; continue with --resume.",
-    "unresolved": "The nodes no longer resolve the shape, the potential or a film between membranes: use more nodes.",
+    "unresolved": "The nodes no longer resolve the shape, the potential or a film between membranes: use more nodes, "
+    "and for a film a lower tolerance.",
     "drift": "Area or perimeter left their values: lower the tolerance or the time step; "
     "a circle among others cannot be held in shape: take reduced_area = 0.999.",
     "solve failed": "A linear system was not solved to round-off: use more nodes or the dense solver.",

@@ -37,6 +37,7 @@ HISTORIES = {
     "moving apart": ("repulsion", case(np.full(161, 0.0), APART, APART - 1.4)),
     "moving apart and turning": ("open", case(np.deg2rad(20) * (1 + T / 8), APART, APART - 1.4)),
     "aligned but parting": ("open", case(np.full(161, FIELD - 0.2) + 0.025 * T, APART, APART - 1.4)),
+    "passing the field": ("open", case(FIELD - 0.9 + 0.14 * T)),
     "not there yet": ("open", case(np.deg2rad(20) + np.deg2rad(5) * T)),
 }
 

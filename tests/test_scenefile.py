@@ -391,7 +391,7 @@ def test_the_flow_is_of_its_kind(name, kind):
 
 BUILTIN = {
     "budding": (1, 128),
-    "chain": (2, 128),
+    "chain": (2, 64),
     "circulation": (2, 64),
     "oscillation": (2, 64),
     "pop": (1, 64),
