@@ -48,12 +48,12 @@ def run(instants=INSTANTS, N=64, t_end=8.0, saves=160, resolution=100):
 
 def draw(found, grid) -> Figure:
     """Six panels."""
-    figure = Figure(figsize=(plot.PAGE, 4.4), layout="constrained")
+    figure = Figure(figsize=(6.0, 3.8), layout="constrained")
     colors = plotstyle.scale(np.stack([case["V_m"] for case in found.values()]))
     axes = figure.subplots(2, 3, squeeze=False).ravel()
     for ax, (t, case) in zip(axes, found.items(), strict=False):
         u, v = np.moveaxis(case["velocity"], -1, 0)
-        ax.streamplot(grid, grid, u, v, density=1.0, color="0.6", linewidth=0.4, arrowsize=0.4)
+        ax.streamplot(grid, grid, u, v, density=0.8, color="0.6", linewidth=0.4, arrowsize=0.4)
         plot.membranes(ax, case["x"], case["V_m"], colors)
         for center, angle in zip(case["center"], np.deg2rad(np.atleast_1d(case["dipole_angle"])), strict=False):
             half = 0.35 * np.array([np.cos(angle), np.sin(angle)])
