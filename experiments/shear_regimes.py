@@ -236,7 +236,7 @@ def draw(found) -> Figure:
     for label, case in found["lyapunov"].items():
         panels[1, 2].plot(case["t"], case["growth"], label=f"{label}: {case['exponent']:.2f} ± {case['error']:.2f}")
     panels[1, 2].set(title="growth of a disturbance", xlabel=r"$t/t_\kappa$", ylabel="log of its length")
-    panels[1, 2].legend(fontsize=5.5)
+    panels[1, 2].legend(fontsize=5.5, loc="lower right")
     return figure
 
 
