@@ -21,6 +21,7 @@ _LAYERS = {
     "arrays": (),
     "fourier": (),
     "status": (),
+    "lanes": (),
     # geometry
     "curve": ("Curve",),
     "shapes": ("circle", "ellipse", "ellipse_of_excess", "through_points"),

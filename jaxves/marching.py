@@ -16,6 +16,7 @@ from .arrays import PerVesicle, Scalar, Status, as_float
 from .curve import Curve
 from .equation import Equation, Filter, Unknowns, equation_for, verdict
 from .interactions import AbstractCoupling
+from .potentials import contact
 from .scene import Scene
 from .stepping import ROUGH, AbstractMarch, Adaptive, Fixed, Journey, State, Tape, Window, initial_state, turned
 
@@ -88,7 +89,10 @@ class Checks(eqx.Module):
             still = _speed_of_shape(motion, y) < self.steady
             code = jnp.where(still & (t > 0), status.STEADY, code)
         unresolved = jnp.max(row["diagnostics/spectral_tail"]) > self.tail
-        code = jnp.where(unresolved, status.UNRESOLVED, code)
+        # A neck or fold finer than the kernels of a membrane on itself can follow.
+        spacing = 2 * np.pi * equation.speed / y.x.shape[1]
+        pinched = jnp.any(row["diagnostics/self_gap"] < contact.RESOLVED * spacing)
+        code = jnp.where(unresolved | pinched, status.UNRESOLVED, code)
         area = jnp.max(jnp.abs(row["diagnostics/area"] / equation.area - 1))
         length = jnp.max(jnp.abs(row["diagnostics/length"] / (2 * np.pi * equation.speed) - 1))
         code = jnp.where(jnp.maximum(area, length) > self.drift, status.DRIFT, code)

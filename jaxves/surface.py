@@ -16,8 +16,7 @@ from . import fourier
 from .arrays import VesicleNodes, VesiclePoints
 from .curve import Curve
 from .interactions import AbstractCoupling, AbstractInteractions
-from .potentials import laplace, stokes
-from .potentials.chords import Chords
+from .potentials.contact import self_kernels
 from .potentials.stokes import StokesBlocks
 
 
@@ -33,19 +32,12 @@ class Surfaces(eqx.Module):
     @classmethod
     def of(cls, x: VesiclePoints, *, electric: bool, coupling: AbstractCoupling | None = None) -> "Surfaces":
         """Geometry and kernels at nodes x; `electric` adds what only a field needs, `coupling` the interactions."""
-
-        def one(x):
-            curve = Curve.from_nodes(x)
-            chords = Chords.of(curve)
-            S = laplace.slp(chords)
-            return cls(curve, S, stokes.slp(curve, chords, S), laplace.slp_dn(curve, chords) if electric else None)
-
-        surfaces = jax.vmap(one)(x)
-        if coupling is None:
-            return surfaces
-        with jax.named_scope("interactions"):
-            interactions = coupling.between(surfaces.curves, electric=electric)
-        return eqx.tree_at(lambda s: s.interactions, surfaces, interactions, is_leaf=lambda leaf: leaf is None)
+        curves, own = self_kernels(x, electric=electric)
+        interactions = None
+        if coupling is not None:
+            with jax.named_scope("interactions"):
+                interactions = coupling.between(curves, electric=electric)
+        return cls(curves, own.laplace_slp, own.stokes_slp, own.laplace_slp_dn, interactions)
 
     def d_ds(self, f: Float[Array, "M N *rest"]) -> Float[Array, "M N *rest"]:
         """∂f/∂s on every membrane."""
