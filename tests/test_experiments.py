@@ -16,6 +16,7 @@ from experiments import (
     pop_and_budding,
     safeguards,
     scale,
+    self_contact,
     shear,
     solvers,
     throughput,
@@ -103,6 +104,15 @@ def test_the_preconditioner_of_the_tension_keeps_the_counts_low():
 def test_close_evaluation_converges():
     errors = close_evaluation.four_cases(sizes=(100, 150), reference=400)
     assert errors[150][0] < 1e-4 * errors[100][0] or errors[150][0] < 1e-12
+
+
+def test_self_contact_shows_what_the_finer_grid_is_worth():
+    wide, narrow = self_contact.run(**self_contact.QUICK)
+    assert wide["factor"] == 1
+    assert narrow["factor"] > 1
+    for name in self_contact.POTENTIALS:
+        assert narrow[f"corrected {name}"] < 1e-2 * narrow[f"plain {name}"]
+    self_contact.draw([wide, narrow])
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (HERE / "data").glob("*.json")))

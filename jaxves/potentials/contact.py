@@ -15,7 +15,6 @@ run time such that p d ≥ 4, an error of 1e-11; while d ≥ 4 for all membranes
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import fourier
@@ -62,13 +61,13 @@ def level(curve: Curve) -> Int[Array, ""]:
 
     Parts are nodes between which the membrane is at least twice as long as the chord.
     """
-    N = curve.speed.shape[0]
-    j = np.arange(N)
-    steps = np.abs(j[:, None] - j[None, :])
-    steps = np.minimum(steps, N - steps)
-    spacing2 = jnp.max(curve.weights) ** 2
+    weights = curve.weights
+    place = jnp.cumsum(weights)
+    along = jnp.abs(place[:, None] - place[None, :])
+    along = jnp.minimum(along, place[-1] - along)
     r2 = (curve.x[:, None, 0] - curve.x[None, :, 0]) ** 2 + (curve.x[:, None, 1] - curve.x[None, :, 1]) ** 2
-    apart = (steps > 0) & (r2 <= (0.25 * steps**2) * spacing2)
+    apart = (along > 0) & (along**2 >= 4 * r2)
+    spacing2 = jnp.max(weights) ** 2
     nearest2 = jnp.min(jnp.where(apart, r2, jnp.inf)) / spacing2
     # The curve passes between nodes: they may be half a spacing further apart, along it, than it is from itself.
     return sum(jnp.int32(nearest2 - 0.25 < (FAR / factor) ** 2) for factor in FACTORS[:-1])
@@ -82,9 +81,9 @@ def self_kernels(x: VesiclePoints, *, electric: bool) -> tuple[Curve, SelfKernel
         return jax.vmap(lambda curve: SelfKernels.of(curve, Chords.of(curve), electric=electric))(curves)
 
     def finer(factor: int):
-        # Recomputed when differentiated: the fine kernels of a branch that is not taken would be kept all the same.
-        kernels = jax.checkpoint(jax.vmap(lambda x: SelfKernels.refined(x, factor, electric=electric)))
-        return lambda curves, x: kernels(x)
+        # One by one, for memory; recomputed when differentiated, since what a branch keeps is kept by all of them.
+        kernels = jax.checkpoint(lambda x: SelfKernels.refined(x, factor, electric=electric))
+        return lambda curves, x: jax.lax.map(kernels, x)
 
     branches = [plain, *(finer(factor) for factor in FACTORS[1:])]
     return curves, jax.lax.switch(greatest(jnp.max(jax.vmap(level)(curves))), branches, curves, x)
