@@ -169,7 +169,7 @@ class Eliminated(AbstractFactored):
             solve=lambda _, b: _eliminate(matrix, b),
             transpose_solve=lambda _, b: _eliminate(matrix.T, b),
         )
-        return Solution(x, krylov.relative_residual(self.operator.mv, x, b), jnp.int32(0))
+        return Solution(x, krylov.relative_residual(b - self.operator.mv(x), b), jnp.int32(0))
 
 
 class Elimination(AbstractSolver):
