@@ -236,7 +236,7 @@ def test_what_a_scene_lacks_leaves_no_trace():
     bare, sheared = _traced(make_scene(x)), _traced(make_scene(x, flow=flow.Shear(1.0)))
     in_field = _traced(make_scene(x, field=field()))
     assert "lu" not in bare and "lu" not in sheared
-    assert in_field.count("lu") == 1
+    assert in_field.count("lu") == 2  # of the charge, and of its transpose for derivatives: one of them runs
     assert bare.count("cholesky") == sheared.count("cholesky") == in_field.count("cholesky") == 1
     assert len(bare) < len(sheared) < 1.1 * len(bare)
     assert len(in_field) > 1.2 * len(bare)
