@@ -143,7 +143,7 @@ def against_time(name, N, schemes, reference, repeats):
 
 
 def amplification(name, N, reference, tolerance, size=1e-4, seed=0):
-    """How much the run enlarges a smooth random displacement of its start: shape, by saved instant."""
+    """How much the run enlarges a smooth random displacement of its start, by saved instant; NaN if it broke down."""
     modes = np.random.default_rng(seed).normal(size=(2, 6))
 
     def shift(scene):
@@ -155,6 +155,8 @@ def amplification(name, N, reference, tolerance, size=1e-4, seed=0):
         return Scene(scene.x.at[0].set(moved), scene.bending, scene.field, scene.flow)
 
     _, rows = solve(name, N, Adaptive(tolerance, ARK5()), shift)
+    if rows is None:
+        return np.array([np.nan])
     return distances(rows, reference)["shape"] / size
 
 
@@ -213,6 +215,10 @@ def draw(found) -> Figure:
                 color = f"C{list(SCHEMES).index(scheme)}"
                 axes.loglog(table["seconds"], table["shape"], f"-{marker}", color=color, ms=3, label=f"{scheme}, {N}")
         axes.set(title=name, xlabel="seconds")
+        low, high = axes.get_xlim()
+        ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= tick <= high]
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
         axes.legend(fontsize=5)
     panels[0].set_ylabel("largest error of the shape")
     return figure

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from jaxves import plot, shapes, status
 from jaxves.flow import Shear
@@ -222,14 +223,14 @@ def draw(found, columns=7) -> Figure:
     groups = {group: cells for group, cells in found.items() if group != "largest step"}
     rows = sum(-(-len(cells) // columns) for cells in groups.values())
     figure = Figure(figsize=(plot.PAGE, 0.42 * rows + 0.22 * len(groups) + 0.1))
-    axes = figure.add_axes((0.01, 0.01, 0.98, 0.98))
+    axes = figure.subplots()
     y = 0.0
     for group, cells in groups.items():
         axes.text(0, y + 0.3, group, fontsize=7, weight="bold", va="center")
         y += 0.5
         for i, (label, cell) in enumerate(cells.items()):
             x, row = i % columns, y + i // columns
-            axes.add_patch(_tile(x, row, _COLORS[cell["verdict"]]))
+            axes.add_patch(Rectangle((x + 0.02, row + 0.03), 0.96, 0.94, color=_COLORS[cell["verdict"]], lw=0))
             words = label.split(" ")
             half = -(-len(words) // 2)
             text = label if len(label) < 19 else " ".join(words[:half]) + "\n" + " ".join(words[half:])
@@ -240,12 +241,6 @@ def draw(found, columns=7) -> Figure:
     axes.set(xlim=(0, columns), ylim=(y, 0))
     axes.set_axis_off()
     return figure
-
-
-def _tile(x, y, color):
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((x + 0.02, y + 0.03), 0.96, 0.94, color=color, lw=0)
 
 
 def report(found) -> None:

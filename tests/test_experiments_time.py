@@ -1,10 +1,14 @@
 """The experiments on accuracy, run time and stability, at toy size."""
 
+import json
+
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from conftest import star
 
 from experiments import convergence, long_run, stability
+from experiments._common import HERE
 from experiments._distance import distances
 from experiments._schemes import ARK2, ARK3
 from jaxves import fourier
@@ -95,3 +99,17 @@ def test_a_long_run_keeps_area_perimeter_and_spacing():
     assert row["steps"] == 80
     assert max(row["area"], row["length"]) < 1e-7
     assert 0 < row["inclination"] < 0.1
+
+
+@pytest.mark.parametrize("name", ["convergence", "stability"])
+def test_stored_numbers_keep_what_the_experiments_promise(name):
+    """Of the stored runs: no cell wrong; POP at 1/500 of the first-order scheme's time, and 1e-8 reached."""
+    data = json.loads((HERE / "data" / f"{name}.json").read_text())["data"]
+    if name == "stability":
+        assert all(cell["verdict"] in ("right", "stopped") for group in data.values() for cell in group.values())
+        return
+    tables = data["POP"]["nodes"]["64"]
+    euler, _ = convergence.seconds_for(tables["Euler"], 1e-4)
+    assert euler > 500 * convergence.seconds_for(tables["ARK4"], 1e-4)[0]
+    for scene in ("POP", "tank-treading"):
+        assert min(data[scene]["nodes"]["96"]["ARK5"]["shape"]) < 1e-8
