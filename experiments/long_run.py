@@ -29,12 +29,12 @@ QUICK = dict(t_end=0.5, saves=10, N=32, steps_per_unit=160, tolerances=(), reduc
 
 def measured(rows, equation, settled):
     """Largest changes after `settled`, and the largest errors of what is conserved at any time."""
-    late = rows["t"] >= settled
 
     def spread(name):
-        values = rows[f"diagnostics/{name}"][late]
-        return float(np.max(np.ptp(values, axis=0)))
+        values = rows[f"diagnostics/{name}"][rows["t"] >= settled]
+        return float(np.max(np.ptp(values, axis=0))) if len(values) else np.nan
 
+    rows = {key: row[~np.isnan(rows["t"])] for key, row in rows.items()}
     area = rows["diagnostics/area"] / np.asarray(equation.area) - 1
     length = rows["diagnostics/length"] / (2 * np.pi * np.asarray(equation.speed)) - 1
     return {
@@ -49,7 +49,7 @@ def measured(rows, equation, settled):
     }
 
 
-def run(t_end=100.0, saves=200, settled=None, N=96, steps_per_unit=100, tolerances=(1e-5,), reduced_area=0.7, Ca=10.0):
+def run(t_end=100.0, saves=200, settled=None, N=96, steps_per_unit=200, tolerances=(1e-5,), reduced_area=0.7, Ca=10.0):
     """{method: {status, t, steps, turns, and the changes and errors of `measured`}}."""
     settled = 0.2 * t_end if settled is None else settled
     times = t_end * np.arange(1, saves + 1) / saves

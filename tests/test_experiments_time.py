@@ -112,4 +112,4 @@ def test_stored_numbers_keep_what_the_experiments_promise(name):
     euler, _ = convergence.seconds_for(tables["Euler"], 1e-4)
     assert euler > 500 * convergence.seconds_for(tables["ARK4"], 1e-4)[0]
     for scene in ("POP", "tank-treading"):
-        assert min(data[scene]["nodes"]["96"]["ARK5"]["shape"]) < 1e-8
+        assert np.nanmin(data[scene]["nodes"]["96"]["ARK5"]["shape"]) < 1e-8
