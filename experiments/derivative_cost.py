@@ -31,7 +31,7 @@ from ._common import save, store, styled
 NUMBERS = (3.2, 0.1, 0.0, 0.08, 1.0)
 STEP = 1e-3
 KINDS = ("fixed", "adaptive", "adaptive, not recorded")
-QUICK = {"kinds": ("fixed",), "steps": (4,), "N": 16, "repeats": 1, "processes": False}
+QUICK = dict(kinds=("fixed",), steps=(4,), N=16, repeats=1, processes=False)
 
 
 def march_of(kind: str, steps: int) -> AbstractMarch:
