@@ -56,7 +56,7 @@ def suspension(M: int, N: int, *, gap=GAP, seed=0) -> Scene:
     places = np.stack(np.divmod(np.arange(M), side), axis=-1) * spacing
     turns = jnp.asarray(np.random.default_rng(seed).uniform(0, np.pi, M))
     x = jax.vmap(shapes.rotated, in_axes=(None, 0))(ellipse, turns)
-    return make_scene(x, centers=places, field=dc_field(3.2, vesicles=M, **_FIELD))
+    return make_scene(list(x), centers=places, field=dc_field(3.2, vesicles=M, **_FIELD))
 
 
 def pair(N: int, gap: float) -> Scene:
