@@ -235,8 +235,10 @@ def draw(found) -> Figure:
     panels[1, 1].set(title="return map", xlabel="maximum (°)", ylabel="next maximum (°)")
     for label, case in found["lyapunov"].items():
         panels[1, 2].plot(case["t"], case["growth"], label=f"{label}: {case['exponent']:.2f} ± {case['error']:.2f}")
-    panels[1, 2].set(title="growth of a disturbance", xlabel=r"$t/t_\kappa$", ylabel="log of its length")
-    panels[1, 2].legend(fontsize=5.5, loc="lower right")
+    panels[1, 2].set(
+        ylim=(-12, None), title="growth of a disturbance", xlabel=r"$t/t_\kappa$", ylabel="log of its length"
+    )
+    panels[1, 2].legend(fontsize=5.5, loc="lower center")
     return figure
 
 
