@@ -33,7 +33,7 @@ def _diagnosing(N, M):
         return found | {"gap_rate": rate}
 
     def _gap(x):
-        return diagnostics.gap(*(diagnostics.Curve.from_nodes(x) for x in x))
+        return diagnostics.gap(*(diagnostics.Curve.from_nodes(x) for x in x[:2]))
 
     def call(x, V_m):
         row, code = diagnose(x, V_m)
