@@ -48,9 +48,10 @@ def _longest_of_batch(size, is_batched, count):
 def along(march, equation, d_equation, tape: Tape, d_stops: Array, d_start: State) -> Tape:
     """Tangents of all points of the tape; those beyond its end repeat the last."""
 
+    # The choice is inside what is made again: from outside, all that its branches hold would be kept.
     @eqx.filter_checkpoint
-    def linear(primals, tangents):
-        return eqx.filter_jvp(march.step, primals, tangents)[1]
+    def linear(made, primals, tangents):
+        return lax.cond(made, lambda: eqx.filter_jvp(march.step, primals, tangents)[1], lambda: tangents[2])
 
     def body(tangent, slot):
         d_t, d_y = tangent
@@ -59,7 +60,7 @@ def along(march, equation, d_equation, tape: Tape, d_stops: Array, d_start: Stat
         d_t_new = jnp.where(stop >= 0, d_stops[stop], d_t)
         # Where another lane still steps, make one that exists, lest its derivative be NaN.
         primals = (equation, t, y, jnp.where(active, t_new, t + march.first_step()))
-        d_y_new = lax.cond(i < length, lambda: linear(primals, (d_equation, d_t, d_y, d_t_new)), lambda: d_y)
+        d_y_new = linear(i < length, primals, (d_equation, d_t, d_y, d_t_new))
         tangent = jax.tree.map(lambda new, old: jnp.where(active, new, old), (d_t_new, d_y_new), tangent)
         return tangent, tangent
 
