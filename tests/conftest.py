@@ -2,15 +2,25 @@
 
 import os
 
-# Small LAPACK calls are slower on two threads than on one; set before NumPy loads.
+# Small LAPACK calls and small products are slower on two threads than on one, the more so beside other tests; set
+# before NumPy loads and JAX starts.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxves  # noqa: F401  (switches double precision on)
 from jaxves import fourier
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _forget_what_was_compiled():
+    """Programs of one file are of no use to the next, and together they would fill the memory."""
+    yield
+    jax.clear_caches()
 
 
 def circle(N, radius=1.0):
