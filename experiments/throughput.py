@@ -2,14 +2,16 @@
 
     python -m experiments.throughput          # tables and a figure, about two minutes
 
-One vesicle in a field, one BLAS thread. The unit is SciPy's `lu_factor` and `lu_solve` for 3N unknowns, which a
-method that solved for shape and tension at once would need once a step; everything takes turns in one process.
+One vesicle in a field, thread for thread: LAPACK and the products of XLA have one each. The unit is SciPy's
+`lu_factor` and `lu_solve` for 3N unknowns, which a method that solved for shape and tension at once would need once a
+step; everything takes turns in one process.
 Given are medians, and the ratio of the least times, which other work on the machine disturbs less.
 
 What to expect: a rate of change F below one unit from 128 nodes on, a fourth-order step (six rates, one frozen
 linear part with its factorisation, one projection) below eight. What a scene has not costs nothing.
 """
 
+import os
 import time
 
 import jax
@@ -26,6 +28,8 @@ from jaxves.scene import dc_field, make_scene
 from jaxves.steppers import ARK4
 
 from ._common import interleaved, march, medians, pop, save, store, styled
+
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")  # read when JAX starts, at its first array
 
 PRESENT = {"nothing imposed": (0, 0), "flow": (0, 1), "field": (1, 0), "field and flow": (1, 1)}
 QUICK = dict(sizes=(32,), repeats=3, N=32, t_end=0.01, present=("flow",))

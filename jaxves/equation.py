@@ -283,7 +283,11 @@ class Equation(eqx.Module):
         velocity = fourier.low_pass(velocity, self.filter.x, axis=1)
         f_hd = force + f_tension
         if surfaces.interactions is None:
-            sigma, f_hd, velocity = self._held(curves, sigma, f_hd, velocity)
+            sigma, f_hd, velocity = jax.lax.cond(
+                jnp.any(self.is_circle()),
+                lambda: self._held(curves, sigma, f_hd, velocity),
+                lambda: (sigma, f_hd, velocity),
+            )
         motion = Motion(surfaces, velocity, sigma, f_hd, f_el, V_rate, w, fields, residual, iterations)
         return motion, constraint, charge
 
