@@ -385,11 +385,11 @@ def check_grad(
     from . import gradcheck
 
     with _err.status("running") as said:
-        word = gradcheck.broken(scene_file, t_end, steps)
-        if word is not None:
-            _say(f"the run to be differentiated ends as {word}: give it more --steps or a smaller --t-end.")
-            raise typer.Exit(BROKE_DOWN)
-        rows = list(gradcheck.check(scene_file, t_end, steps, progress=said.update))
+        try:
+            rows = list(gradcheck.check(scene_file, t_end, steps, progress=said.update))
+        except gradcheck.BrokenDown as word:
+            _say(f"the run to be differentiated ends as {word}: give it more nodes, more --steps or a smaller --t-end.")
+            raise typer.Exit(BROKE_DOWN) from None
     for part in derivatives(rows):
         _out.print(part)
     if any(row.verdict == "DISAGREE" for row in rows):

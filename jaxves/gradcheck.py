@@ -42,15 +42,18 @@ class Row(NamedTuple):
     verdict: str  # "agree", "DISAGREE", "no verdict", or why there is none
 
 
-def broken(scene_file: SceneFile, t_end: float, steps: int) -> str | None:
-    """The status of the run that is to be differentiated, unless it is complete."""
+class BrokenDown(Exception):
+    """The run that is to be differentiated does not reach its end; the message is its status in a word."""
 
+
+def _completed(scene_file: SceneFile, t_end: float, steps: int) -> None:
     @eqx.filter_jit
     def end():
         return simulate(parameters.scene_of(scene_file, {}), t_end, saves=1, march=Fixed(steps)).status
 
     code = int(end())
-    return None if code == status.COMPLETE else status.WORDS[code]
+    if code != status.COMPLETE:
+        raise BrokenDown(status.WORDS[code])
 
 
 def quantities_of(scene_file: SceneFile) -> tuple[str, ...]:
@@ -68,7 +71,12 @@ def _why_not(name: str, value: float) -> str | None:
 def check(
     scene_file: SceneFile, t_end: float, steps: int, *, progress: Callable[[str], None] = lambda text: None
 ) -> Iterator[Row]:
-    """The rows of all numbers of a scene, for its diagnostics after `steps` fixed steps to `t_end`."""
+    """The rows of all numbers of a scene, for its diagnostics after `steps` fixed steps to `t_end`.
+
+    Raises:
+        BrokenDown: the run with the scene's own numbers is not complete.
+    """
+    _completed(scene_file, t_end, steps)
     outcome = at_end(scene_file, quantities_of(scene_file), t_end, march=Fixed(steps))
     values = {name: as_float(value) for name, value in parameters.numbers(scene_file).items()}
     progress("forward mode")
@@ -106,7 +114,11 @@ def _rows(name, size, outputs, forward, backward, found, error) -> Iterator[Row]
         modes = np.max(np.abs(forward_ - backward_)) / scale
         deviation = np.max(np.abs(forward_ - found_)) / scale
         doubt = np.max(error_) / scale
-        if not modes <= MODES_AGREE or not deviation <= DIFFERENCES_AGREE + doubt:
+        if not modes <= MODES_AGREE:
+            verdict = "DISAGREE"
+        elif not np.all(np.isfinite(found_)):
+            verdict = "no verdict: runs beside this one break down"
+        elif not deviation <= DIFFERENCES_AGREE + doubt:
             verdict = "DISAGREE"
         else:
             verdict = "no verdict: differences are not smooth" if doubt > WORTHLESS else "agree"
