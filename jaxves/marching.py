@@ -155,7 +155,9 @@ def _travelled(journey: Journey, equation, march, times, stops, checks):
         # Reverse mode makes what is observed anew, rather than keep all that it was made of.
         row = eqx.filter_checkpoint(observe)(equation, state.t, state.y, state.angle, state.time_error)
         code = checks.judge(equation, state.t, state.y, row)
-        code = jnp.where(state.status == status.RUNNING, code, state.status)
+        # What ended the run stands; but vesicles no longer resolved may be found to have drifted or crossed.
+        found = jnp.where(state.status == status.UNRESOLVED, jnp.maximum(code, state.status), state.status)
+        code = jnp.where(state.status == status.RUNNING, code, found)
         broken = ended | (state.t < t_save)
         row = jax.tree.map(lambda leaf: jnp.where(broken, jnp.nan, leaf), row)
         journey = eqx.tree_at(lambda j: j.state.status, journey, jnp.int32(code))
@@ -230,7 +232,8 @@ def simulate(
     """Runs a scene to `t_end`, saving at `saves` equally spaced instants besides t = 0.
 
     `march` defaults to `Adaptive()`; `average` is a window (start, end) of time averages. Pure: use it
-    under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them.
+    under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them. Where a run broke down, values
+    are NaN and their derivatives zero, so look at the status.
     """
     march = Adaptive() if march is None else march
     equation = equation_for(
