@@ -13,6 +13,7 @@ from jaxtyping import Array, Int
 
 from jaxves.marching import AbstractMarch, Fixed
 from jaxves.steppers import AbstractStepper, AdditiveRungeKutta, Tableau
+from jaxves.stepping import Journey
 
 _ROOT = np.sqrt(2)
 
@@ -74,15 +75,22 @@ class Even(AbstractMarch):
     stepper: AbstractStepper
     projection: bool = eqx.field(static=True, default=True)
 
+    @property
+    def recorded(self):
+        return None
+
     def first_step(self):
         return jnp.zeros(())
 
-    def to(self, t_save, state, equation, cache, stops):
+    def begin(self, state, equation):
+        return Journey(state)
+
+    def to(self, t_save, journey, equation, stops):
         one = Fixed(1, self.stepper, self.projection)
-        start, h = state.t, (t_save - state.t) / self.steps
+        start, h = journey.state.t, (t_save - journey.state.t) / self.steps
 
-        def step(i, state):
+        def step(i, journey):
             end = jnp.where(i + 1 == self.steps, t_save, start + (i + 1) * h)
-            return one.to(end, state, equation, cache, stops)[0]
+            return one.to(end, journey, equation, stops)
 
-        return lax.fori_loop(0, self.steps, step, state), cache
+        return lax.fori_loop(0, self.steps, step, journey)
