@@ -38,7 +38,7 @@ from ._common import interleaved, medians, save, store, styled
 SIZES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
 GAP = 0.2
 STEP = 1e-4
-QUICK = {"sizes": (3,), "few": (2,), "N": 16, "repeats": 1}
+QUICK = {"sizes": (3,), "few": (2,), "N": 16, "repeats": 11}
 _FIELD = {"conductivity_ratio": 0.1, "membrane_conductance": 0.2}
 
 
@@ -69,8 +69,9 @@ def pair(N: int, gap: float) -> Scene:
 def step(scene: Scene, y: Unknowns, coupling=None):
     """One step: the new state, and count, true residual and near pairs of the coupled solves at its start."""
     equation = equation_for(scene, coupling=coupling)
-    frozen = equation.freeze(jnp.zeros(()), y)
-    new = equation.project(ARK4().step(equation, frozen, jnp.zeros(()), y, STEP).y, frozen.constraint)
+    t = jnp.zeros(())
+    frozen = equation.freeze(t, y)
+    new = equation.project(ARK4().step(equation, frozen, t, y, jnp.asarray(STEP)).y, frozen.constraint)
     motion = frozen.motion
     near = getattr(motion.surfaces.interactions, "near", None)
     pairs = jnp.int32(-1) if near is None else jnp.sum(near.valid)
