@@ -58,11 +58,14 @@ def test_a_run_takes_the_nodes_that_it_needs(tmp_path, monkeypatch):
     used = found.nodes[:, 0]
     assert set(used) == {48, 64} and used[0] == 64
     assert np.any(np.diff(used) > 0)  # and more again, when it came back
-    for name in ("area", "length"):
-        assert np.max(np.abs(found.diagnostics[name] / found.diagnostics[name][0] - 1)) < 1e-6
     assert found.diagnostics["metric_error"].max() < 1e-4
     assert runner.run(pop(64), fixed) == "complete"
     right = store.load(fixed)
+    # Changing nodes may cost what goes to space, a hundredth of the tolerance. What one Newton step of the projection
+    # leaves of the longest steps is more than that, and the same in both.
+    for name in ("area", "length"):
+        drifts = [run.diagnostics[name] / run.diagnostics[name][0] - 1 for run in (found, right)]
+        assert np.max(np.abs(drifts[0] - drifts[1])) < 1e-6
     assert np.max(np.abs(found.x - right.x)) < 1e-4 and np.max(np.abs(found.V_m - right.V_m)) < 1e-3
     assert runner.run(pop('"auto"'), parts, progress=Stops(9)) == "interrupted"
     assert runner.run(pop('"auto"'), parts, resume=True) == "complete"
