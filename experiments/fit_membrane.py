@@ -32,7 +32,7 @@ SYMBOLS = dict(zip(TRUTH, "βΛGχ", strict=True))
 BOUNDS = {name: (value / 30, 30 * value) for name, value in TRUTH.items()}
 SEEN = ("deformation_along_field", "max_V_m")
 NOISE = 0.01
-QUICK = dict(trajectories=1, N=16, saves=8, steps=2, t_end=0.1)
+QUICK = dict(trajectories=1, N=32, saves=8, steps=2, t_end=0.1)
 
 
 def scene(N, values=TRUTH):
@@ -49,7 +49,7 @@ def clean(N, saves, steps, t_end):
     return shown, {name: NOISE * float(np.max(np.abs(values))) for name, values in shown.items()}
 
 
-def run(trajectories=20, N=24, saves=16, steps=4, t_end=0.4, factor=3.0):
+def run(trajectories=20, N=32, saves=16, steps=4, t_end=0.4, factor=3.0):
     """The fits, one by one: values, intervals, χ², seconds; how often each number is in its interval."""
     exact, deviation = clean(N, saves, steps, t_end)
     file = scene(N)
