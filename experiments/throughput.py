@@ -7,8 +7,8 @@ One vesicle in a field, thread for thread: LAPACK and the products of XLA have o
 step; everything takes turns in one process.
 Given are medians, and the ratio of the least times, which other work on the machine disturbs less.
 
-What to expect: a rate of change F below one unit from 128 nodes on, a fourth-order step (six rates, one frozen
-linear part with its factorisation, one projection) below eight. What a scene has not costs nothing.
+What to expect: a rate of change F near one unit with 64 and 128 nodes, half of one with 256; a fourth-order step (six
+rates, one frozen linear part with its factorisation, one projection) below eight. What a scene has not costs nothing.
 """
 
 import os
