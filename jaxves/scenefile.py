@@ -27,18 +27,23 @@ def parse(tables: Mapping[str, Any], *, origin: str = "scene", folder: Path | st
     return checked(SceneFile, tables, origin, folder=Path(folder))
 
 
+def read_tables(path: Path, origin: str, wanted: str) -> dict[str, Any]:
+    """The tables of a TOML file; raises SceneError, which begins with `origin`. `wanted`: instead of no file."""
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise SceneError(f"{origin}: {error.strerror}, expected {wanted}") from None
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{origin}: byte {error.start} is not UTF-8, expected a TOML file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{origin}: {' '.join(str(error).split())}, expected a TOML file") from None
+
+
 def load(source: str | Path) -> SceneFile:
     """A scene file, or the built-in scene of that name; raises SceneError."""
     builtin = isinstance(source, str) and source in builtin_names()
     path = _builtin_folder() / f"{source}.toml" if builtin else Path(source)
-    try:
-        tables = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise SceneError(f"{source}: {error.strerror}, expected a TOML file or {_builtin_hint(source)}") from None
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{source}: byte {error.start} is not UTF-8, expected a TOML file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{source}: {' '.join(str(error).split())}, expected a TOML file") from None
+    tables = read_tables(path, str(source), f"a TOML file or {_builtin_hint(source)}")
     return parse(tables, origin=str(source), folder="." if builtin else path.parent)
 
 

@@ -6,7 +6,6 @@ though its numbers are not (vesicles that overlap at the start). The other cases
 """
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,14 +55,7 @@ class Plan:
 def load(path: str | Path) -> SweepFile:
     """A sweep file; raises SceneError."""
     path = Path(path)
-    try:
-        tables = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise SceneError(f"{path}: {error.strerror}, expected a TOML file with a sweep") from None
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{path}: byte {error.start} is not UTF-8, expected a TOML file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path}: {' '.join(str(error).split())}, expected a TOML file") from None
+    tables = scenefile.read_tables(path, str(path), "a TOML file with a sweep")
     return parse(tables, origin=str(path), folder=path.parent)
 
 
