@@ -206,8 +206,8 @@ def _sweep(file: Path, out: Path, **how) -> SweepRecord | None:
             raise _refuse(error) from None
     if not team.is_first():
         return None
-    done, before = there[-1][1] if there else 0, there[0][1] if there else 0
-    _out.print(f"{done - before} cases computed now, {before} were there")
+    before = sweepstore.count_computed(record.status) - record.computed
+    _out.print(f"{record.computed} cases computed now, {before} were there")
     return record
 
 

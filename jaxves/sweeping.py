@@ -5,6 +5,7 @@ so that they keep no other waiting; then, where asked for, the cases between whi
 there are none. After every batch its cases are in the file.
 """
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping
 from math import prod
@@ -141,6 +142,7 @@ class _Sweep:
         elif team.is_first():
             self._merge()
         self._wait("begun")
+        self.before = sweepstore.count_computed(sweepstore.progress(path).status)
         if team.own_file(path) != path:
             SweepWriter.create(team.own_file(path), plan, variables, sizes, attributes, force=True).close()
 
@@ -158,7 +160,8 @@ class _Sweep:
                 self._finish(word)
             if word == "complete":
                 self._wait("finished")
-        return sweepstore.load(self.path)
+        record = sweepstore.load(self.path)
+        return dataclasses.replace(record, computed=sweepstore.count_computed(record.status) - self.before)
 
     def _due(self) -> _Due | None:
         known = sweepstore.progress(self.path)

@@ -48,7 +48,8 @@ class Variable:
 class SweepRecord:
     """What the file of a sweep says; arrays have the shape of the grid, then that of one case.
 
-    `coordinates` holds dimensions and values of each swept number; `classes` is None without a field.
+    `coordinates` holds dimensions and values of each swept number; `classes` is None without a field; `computed` is
+    how many cases the sitting that returns this has computed.
     """
 
     dims: tuple[str, ...]
@@ -60,6 +61,7 @@ class SweepRecord:
     data: dict[str, np.ndarray]
     labels: dict[str, tuple[str, str]]  # units and name in words
     attributes: dict
+    computed: int = 0
 
     def counts(self) -> dict[str, int]:
         """How many cases have which status, the most frequent first."""
@@ -75,6 +77,11 @@ class SweepRecord:
 def class_word(codes: np.ndarray) -> str:
     """The classes of the vesicles of one case: "POP", or "P+O" of two."""
     return "+".join(phases.NAMES[int(code)] for code in codes)
+
+
+def count_computed(words: np.ndarray) -> int:
+    """How many of these cases have been computed, to whatever end."""
+    return int(np.sum(~np.isin(words, [PENDING, REFUSED, SKIPPED])))
 
 
 def reason(word: str) -> str:

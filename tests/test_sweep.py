@@ -217,6 +217,21 @@ def test_an_interrupted_sweep_goes_on_where_it_was_with_the_same_bits(whole, tmp
     assert datasets(path) == datasets(whole)
 
 
+@pytest.mark.parametrize("missing", [0, 2])
+def test_the_command_says_how_many_cases_it_computed_and_how_many_were_there(whole, tmp_path, monkeypatch, missing):
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    path, file = tmp_path / "out.h5", tmp_path / "sweep.toml"
+    path.write_bytes(whole.read_bytes())
+    with h5py.File(path, "r+") as data:
+        file.write_text(data["sweep"].asstr()[()])
+        data["status"][-1, :missing] = b"pending"
+        data["passes"][-1, :missing] = 0
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        code = answer(["sweep", str(file), "--out", str(path), "--resume", "--devices", "1", "--batch", "2"])
+    assert code == 0 and f"{missing} cases computed now, {6 - missing} were there" in out.getvalue()
+    assert datasets(path) == datasets(whole)
+
+
 def test_a_file_is_resumed_only_with_its_own_sweep_and_not_overwritten(whole, tmp_path):
     before = whole.read_bytes()
     other = GRID | {"axes": {BETA: [1.0]}}
