@@ -75,6 +75,7 @@ _LAYERS = {
     "transforms": (),
     "fit": (),
     "resolution": (),
+    "wholerun": (),
     "runner": ("run",),
     # sweeps: many cases of one scene
     "sweeptables": (),

@@ -1,6 +1,7 @@
 """The command line. It answers bad input before anything slow is imported, and in one line."""
 
 import os
+import signal
 import sys
 
 
@@ -8,10 +9,10 @@ def main(arguments: list[str] | None = None) -> None:
     """Entry point of the `jaxves` command; ends with its exit status."""
     # Small LAPACK calls are slower on two threads than on one; must be set before NumPy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    try:
-        from .cli import INTERRUPTED, answer
-    except KeyboardInterrupt:
-        sys.exit(130)
+    # Until a run has begun there is nothing to keep, and half imported extensions may crash when they are left.
+    signal.signal(signal.SIGINT, lambda signum, frame: os._exit(130))
+    from .cli import INTERRUPTED, answer
+
     status = answer(sys.argv[1:] if arguments is None else arguments)
     if status == INTERRUPTED:
         # Compiled code may still be running, which an orderly end of Python would crash.

@@ -2,8 +2,9 @@
 
 Every link is the error, at worst over all saved times and vesicles, of something known: of one step against the
 embedded method, of the finest modes against the coarsest, of a conserved quantity, of a balance. Digits are
--log₁₀ of it; a chain is as strong as its weakest link. No link sees how a scene amplifies errors: where close starts
-part from each other, so does the computed history from the true one, and digits are lost at that rate.
+-log₁₀ of it; a chain is as strong as its weakest link. Only the link "run", from a second run with ten times the
+tolerance, sees how a scene amplifies errors: where close starts part from each other, so does the computed history
+from the true one, and digits are lost at that rate.
 
 Nothing here imports JAX.
 """
@@ -39,12 +40,14 @@ _KEPT = {"area": "relative change of an enclosed area", "length": "relative chan
 _POWERS = ("power_flow", "power_electric", "dissipation")
 
 
-def certificate(diagnostics: dict[str, np.ndarray]) -> dict[str, Link]:
+def certificate(diagnostics: dict[str, np.ndarray], error: float | None = None) -> dict[str, Link]:
     """The links of a result by name, from its diagnostics with the saved times as first axis, at least one.
 
-    A method without an embedded one has no link "time"; without a field there is no "charge".
+    `error` is that of the whole run, where it was estimated. A method without an embedded one has no link "time";
+    without a field there is no "charge".
     """
-    links = {
+    links = {} if error is None or np.isnan(error) else {"run": Link(error, "a", "estimated error of the whole run")}
+    links |= {
         name: Link(float(np.max(np.abs(diagnostics[source]))), units, long_name)
         for name, (source, units, long_name) in _DIRECT.items()
         if source in diagnostics

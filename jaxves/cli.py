@@ -222,12 +222,17 @@ def _use_all_cores(devices: int | None) -> None:
 
 @contextmanager
 def _heard_interrupts() -> Iterator[list]:
-    """Remembers Ctrl-C besides raising KeyboardInterrupt, which Python drops in callbacks and finalisers."""
+    """Ctrl-C is remembered, for whoever shows progress, and raised at once where only code of this package runs.
+
+    Raised inside a callback of JAX it would be dropped, or crash what does not expect it.
+    """
     pressed = []
+    here = os.path.dirname(__file__)
 
     def hear(signum, frame):
         pressed.append(signum)
-        raise KeyboardInterrupt
+        if frame is not None and os.path.dirname(frame.f_code.co_filename) == here:
+            raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGINT, hear)
     try:

@@ -86,6 +86,11 @@ class Resolution:
         self._problems = {problem.equation.scene.x.shape[1]: problem}
         self.first = problem
 
+    def looser(self, factor: float) -> "Resolution":
+        """The same run with a tolerance `factor` times as large; compiled programs are shared."""
+        first = eqx.tree_at(lambda p: p.march.tolerance, self.first, factor * self.first.march.tolerance)
+        return Resolution(strengthened(first), self.sizes, self.limit)
+
     def problem(self, N: int) -> Problem:
         """The problem with N nodes."""
         if N not in self._problems:

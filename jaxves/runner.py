@@ -23,6 +23,7 @@ from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthen
 from .resolution import Resolution, resolution_of
 from .scenefile import to_toml
 from .scenetables import SceneFile
+from .wholerun import estimated_error
 
 _SECONDS = 0.5  # between writes: what a killed run may lose
 _START = "start"  # in the restart: the nodes at t = 0, relaxed and all, before they were filtered
@@ -122,8 +123,9 @@ def run(
             else:
                 word, advice = begun.failed.word, f"{begun.failed}."
             begun.rows.write()
-            links = certificate(writer.diagnostics())
-            writer.finish(word, advice, time.perf_counter() - began, _averages(begun), links)
+            error = _error(scene_file, begun, progress) if word in status.SUCCESS else None
+            links = certificate(writer.diagnostics(), error)
+            writer.finish(word, advice, time.perf_counter() - began, _averages(begun), links, error)
         except store.StoreError as error:
             raise Broken(str(error)) from error
     return word
@@ -195,10 +197,9 @@ def _marched(scene_file: SceneFile, begun: _Begun, progress: Progress) -> int:
             return status.CLASS_REACHED
         return int(state.status)
 
-    times = scene_file.t_end * np.arange(scene_file.saves + 1) / scene_file.saves
     found = code()
     try:
-        for t_save in times[rows.writer.saved :]:
+        for t_save in _times(scene_file)[rows.writer.saved :]:
             if found != status.RUNNING:
                 break
             state, row = resolution.stepped(state, t_save)
@@ -208,6 +209,21 @@ def _marched(scene_file: SceneFile, begun: _Begun, progress: Progress) -> int:
     except KeyboardInterrupt:
         return status.INTERRUPTED
     return status.COMPLETE if found == status.RUNNING else found
+
+
+def _times(scene_file: SceneFile) -> np.ndarray:
+    return scene_file.t_end * np.arange(scene_file.saves + 1) / scene_file.saves
+
+
+def _error(scene_file: SceneFile, begun: _Begun, progress: Progress) -> float | None:
+    """The estimated error of the whole run; None where it is not wanted, NaN where it cannot be had."""
+    if scene_file.numerics.tolerance is None or not scene_file.numerics.certify:
+        return None
+    writer = begun.rows.writer
+    try:
+        return estimated_error(begun.resolution, writer.row, _times(scene_file)[: writer.saved], progress)
+    except KeyboardInterrupt:  # the run itself is complete
+        return np.nan
 
 
 def _averages(begun: _Begun) -> dict[str, np.ndarray] | None:

@@ -158,6 +158,9 @@ class NumericsTable(Table):
     `solver`: "dense" factorises the systems that couple all membranes, "matrix-free" never forms a matrix of two
     membranes unless they are near, "auto" goes by size. `neighbours` is the room for near pairs without matrices, per
     vesicle on average; a run in need of more ends as "crowded".
+
+    `certify` makes the run once more with ten times the tolerance, which takes about six tenths of its time, to learn
+    the error of the whole; there is no such estimate for a fixed `time_step`.
     """
 
     nodes: NodeCount = 64
@@ -166,6 +169,7 @@ class NumericsTable(Table):
     method: one_of("ark4", "ark5", "euler") = "ark4"
     solver: one_of("auto", "dense", "matrix-free") = "auto"
     neighbours: Count = 8
+    certify: bool = True
 
     @model_validator(mode="before")
     @classmethod

@@ -170,6 +170,10 @@ class Writer:
             if name.startswith(start)
         }
 
+    def row(self, i: int) -> dict[str, np.ndarray]:
+        """Positions and potentials of one saved time."""
+        return {name: self._rows[name][i] for name in ("x", "V_m") if name in self._rows}
+
     def finish(
         self,
         status: str,
@@ -177,11 +181,13 @@ class Writer:
         wall_time: float,
         averages: dict[str, np.ndarray] | None = None,
         links: dict[str, certificate.Link] | None = None,
+        error: float | None = None,
     ) -> None:
         """Cuts off the rows never written and says how the run ended.
 
         `wall_time` in seconds adds to that of earlier parts of a resumed run; `averages` over time are
-        named like the diagnostics they belong to; `links` are the certificate.
+        named like the diagnostics they belong to; `links` are the certificate, `error` is the estimated error of
+        the whole run, NaN where none could be had.
         """
         with named_errors("write", self.path), self._rebuilding() as file:
             # The file's own count: an interrupt may have come between its commit and `self.saved`.
@@ -191,6 +197,8 @@ class Writer:
                 create_average(file, name, value)
             if links:
                 _certify(file, links)
+            if error is not None:
+                file.attrs["error"] = error
             file.attrs.update(status=status, advice=advice, wall_time=file.attrs["wall_time"] + wall_time)
 
     def close(self) -> None:

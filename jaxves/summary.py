@@ -48,9 +48,11 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     if "line_angle" in record.diagnostics and "dipole" in record.diagnostics:
         yield f"pair: {pair_class(record)}"
     yield _quantities(record)
-    links = certificate(record.diagnostics)
+    links = certificate(record.diagnostics, record.attributes.get("error"))
     weak = weakest(links)
     yield f"digits: {links[weak].digits:.1f} at the weakest link, {weak} ({links[weak].long_name})"
+    if "error" in record.attributes:
+        yield _error_of_run(record)
     yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
     for name, value in (record.averages or {}).items():
         yield f"average {name}: {value.tolist()}"
@@ -62,6 +64,15 @@ def pair_class(record: Record) -> str:
     found = record.diagnostics
     history = (found[name] for name in ("line_angle", "separation", "min_gap"))
     return pairphases.classify(record.t, *history, float(np.arctan2(y, x)))
+
+
+def _error_of_run(record: Record) -> str:
+    """In units of the tolerance: how the scene amplifies the errors of its steps."""
+    error, tolerance = record.attributes["error"], tomllib.loads(record.scene)["numerics"]["tolerance"]
+    if np.isnan(error):
+        return "error of the whole run: not known, as a second one with ten times the tolerance did not end well"
+    text = f"error of the whole run: about {error:.1e}, {error / tolerance:.2g} times the tolerance"
+    return text + ("; the scene amplifies the errors of its steps" if error > 10 * tolerance else "")
 
 
 def _quantities(record: Record) -> Table:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxves import fourier, problem, runner, status, store
+from jaxves.certificate import certificate
 from jaxves.equation import Filter
 from jaxves.scenefile import parse
 
@@ -182,3 +183,22 @@ def test_auto_takes_the_fewest_nodes_that_resolve_the_start(area):
         assert tail(chosen) < 1e-6
     for fewer in problem.AUTO_NODES[: problem.AUTO_NODES.index(N)]:
         assert tail(with_nodes(fewer)) >= 1e-6
+
+
+def test_the_error_of_a_run_is_known_within_a_factor_of_three(tmp_path):
+    """Against a run of which no error is left."""
+    records = {}
+    for tolerance in (1e-4, 1e-8):
+        scene_file = pop(t_end=0.3, saves=6, average="", numerics=f"tolerance = {tolerance}\n")
+        assert runner.run(scene_file, tmp_path / f"{tolerance}.h5") == "complete"
+        records[tolerance] = store.load(tmp_path / f"{tolerance}.h5")
+    rough, fine = records[1e-4], records[1e-8]
+    true = max(np.max(np.abs(rough.x - fine.x)), np.max(np.abs(rough.V_m - fine.V_m)))
+    assert true / 3 < rough.attributes["error"] < 3 * true
+    assert certificate(rough.diagnostics, rough.attributes["error"])["run"].value == rough.attributes["error"]
+
+
+def test_the_error_of_a_run_is_estimated_where_it_is_wanted_and_can_be(tmp_path):
+    for number, numerics in enumerate(("certify = false\n", METHODS["fixed"])):
+        runner.run(pop(numerics=numerics), tmp_path / f"{number}.h5")
+        assert "error" not in store.load(tmp_path / f"{number}.h5").attributes

@@ -331,7 +331,14 @@ def test_a_written_scene_is_complete_with_defaults_and_without_what_is_absent():
                 "relaxed": False,
             }
         ],
-        "numerics": {"nodes": 64, "tolerance": 1e-4, "method": "ark4", "solver": "auto", "neighbours": 8},
+        "numerics": {
+            "nodes": 64,
+            "tolerance": 1e-4,
+            "method": "ark4",
+            "solver": "auto",
+            "neighbours": 8,
+            "certify": True,
+        },
     }
 
 
