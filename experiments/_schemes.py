@@ -11,9 +11,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxves.marching import AbstractMarch, Fixed
+from jaxves.marching import Fixed
 from jaxves.steppers import AbstractStepper, AdditiveRungeKutta, Tableau
-from jaxves.stepping import Journey
+from jaxves.stepping import AbstractEven
 
 _ROOT = np.sqrt(2)
 
@@ -68,22 +68,12 @@ class ARK3(AdditiveRungeKutta):
     )
 
 
-class Even(AbstractMarch):
+class Even(AbstractEven):
     """Equal steps, as many between saved instants as `steps` says: a traced number, so one program serves all."""
 
     steps: Int[Array, ""] = eqx.field(converter=jnp.asarray)
     stepper: AbstractStepper
     projection: bool = eqx.field(static=True, default=True)
-
-    @property
-    def recorded(self):
-        return None
-
-    def first_step(self):
-        return jnp.zeros(())
-
-    def begin(self, state, equation):
-        return Journey(state)
 
     def to(self, t_save, journey, equation, stops):
         one = Fixed(1, self.stepper, self.projection)

@@ -17,6 +17,7 @@ from jax import lax
 from jaxtyping import Array, Int, PyTree
 
 from . import stepping
+from .lanes import greatest
 from .stepping import State, Tape
 
 
@@ -32,17 +33,6 @@ def filled(tree: PyTree, tangents: PyTree) -> PyTree:
 def _only(tree: PyTree, where, values) -> PyTree:
     """Tangents of a tree that are None but at these places."""
     return eqx.tree_at(where, jax.tree.map(lambda _: None, tree), values, is_leaf=lambda leaf: leaf is None)
-
-
-@jax.custom_batching.custom_vmap
-def _longest(count: Int[Array, ""]) -> Int[Array, ""]:
-    """The count itself; in a batch the largest, and not batched: it decides for all lanes whether a step is made."""
-    return count
-
-
-@_longest.def_vmap
-def _longest_of_batch(size, is_batched, count):
-    return _longest(jnp.max(count)), False
 
 
 def along(march, equation, d_equation, tape: Tape, d_stops: Array, d_start: State) -> Tape:
@@ -64,7 +54,7 @@ def along(march, equation, d_equation, tape: Tape, d_stops: Array, d_start: Stat
         tangent = jax.tree.map(lambda new, old: jnp.where(active, new, old), (d_t_new, d_y_new), tangent)
         return tangent, tangent
 
-    length = _longest(tape.count)
+    length = greatest(tape.count)  # of all lanes: a step is made for all or for none
     before = jax.tree.map(lambda leaf: leaf[:-1], tape.y)
     slots = (jnp.arange(tape.stop.shape[0]), tape.t[:-1], before, tape.t[1:], tape.stop)
     start = (d_start.t, d_start.y)

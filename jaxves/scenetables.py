@@ -16,6 +16,7 @@ from .values import (
     Count,
     Direction,
     Finite,
+    Flag,
     Gradient,
     NodeCount,
     NonzeroNumber,
@@ -169,7 +170,7 @@ class NumericsTable(Table):
     method: one_of("ark4", "ark5", "euler") = "ark4"
     solver: one_of("auto", "dense", "matrix-free") = "auto"
     neighbours: Count = 8
-    certify: bool = True
+    certify: Flag = True
 
     @model_validator(mode="before")
     @classmethod

@@ -143,12 +143,8 @@ class AbstractMarch(eqx.Module):
         return self.finish(equation, self.stepper.step(equation, frozen, t, y, t_new - t).y, frozen)
 
 
-class Fixed(AbstractMarch):
-    """`steps_per_save` equal steps between saved instants."""
-
-    steps_per_save: int = eqx.field(static=True)
-    stepper: AbstractStepper = ARK4()
-    projection: bool = eqx.field(static=True, default=True)
+class AbstractEven(AbstractMarch):
+    """Equal steps between saved instants: nothing is chosen on the way."""
 
     @property
     def recorded(self):
@@ -159,6 +155,14 @@ class Fixed(AbstractMarch):
 
     def begin(self, state, equation):
         return Journey(state)
+
+
+class Fixed(AbstractEven):
+    """`steps_per_save` equal steps between saved instants."""
+
+    steps_per_save: int = eqx.field(static=True)
+    stepper: AbstractStepper = ARK4()
+    projection: bool = eqx.field(static=True, default=True)
 
     def to(self, t_save, journey, equation, stops):
         h = (t_save - journey.state.t) / self.steps_per_save

@@ -1,5 +1,6 @@
 """The [[vesicle]] tables of a scene file: an ellipse, a circle, or a curve through points."""
 
+import abc
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -37,9 +38,9 @@ class VesicleTable(Table):
     chi: Positive | None = None
     permittivity_ratio: Positive | None = None
 
+    @abc.abstractmethod
     def polygon(self) -> outlines.Polygon:
         """The outline of the shape, of any size, angle and place."""
-        raise NotImplementedError
 
 
 class EllipseVesicle(VesicleTable):
