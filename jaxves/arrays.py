@@ -7,6 +7,7 @@ A lone `Scalar` is a traced zero-dimensional array; Python numbers become one at
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 Scalar = Float[Array, ""]
@@ -25,6 +26,15 @@ ComplexNodes = Complex[Array, "N"]
 def as_float(value) -> Float[Array, "..."]:
     """A double-precision array; leaves tracers and their shapes alone."""
     return jnp.asarray(value, dtype=float)
+
+
+def staged(constant: np.ndarray) -> Array:
+    """The constant, as if it were computed: what makes things again for a derivative makes it again as well.
+
+    As a constant it would be kept beside what is made again, once for every branch of a `lax.switch`, where those
+    that are not taken fill it with zeros.
+    """
+    return jax.jit(lambda: jnp.asarray(constant))()
 
 
 def require_x64() -> None:

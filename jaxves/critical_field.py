@@ -26,10 +26,10 @@ from jaxtyping import Array, Float
 from scipy.optimize import brentq
 
 from . import phases, status
-from .arrays import ScalarLike
+from .arrays import ScalarLike, as_float
 from .equation import Unknowns
 from .marching import AbstractMarch, Checks, simulate
-from .parameters import numbers, scene_of
+from .parameters import numbers, scene_of, with_numbers
 from .problem import march_of, relaxed, starting_scene
 from .scene import Scene
 from .scenetables import SceneFile
@@ -201,12 +201,14 @@ def slopes(
     _alone(scene_file)
     march = march_of(scene_file) if march is None else march
     starts = _Starts.of(scene_file)
-    found = numbers(scene_file)
-    values = {name: jnp.asarray(found[name]) for name in names} | {"field.beta": jnp.asarray(float(beta))}
+    found = numbers(scene_file) | {"field.beta": beta}
+    values = {name: as_float(value) for name, value in found.items()}
+    # The file is there for what it has besides numbers: one compiled program serves all its numbers.
+    starts = _Starts(with_numbers(scene_file, dict.fromkeys(values, 0.5)), starts.at_rest)
 
     def along(name):
-        tangents = {other: jnp.asarray(float(other == name)) for other in values}
-        return _pushed(starts, values, tangents, t_end, saves, march)
+        tangents = {other: as_float(other == name) for other in values}
+        return _pushed(starts, values, tangents, as_float(t_end), saves, march)
 
     t, by_beta = along("field.beta")
     ratios = {}

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .arrays import Scalar
+from .arrays import Scalar, staged
 
 _DENSE = 1024
 
@@ -35,7 +35,7 @@ def wavenumbers(N: int) -> np.ndarray:
 
 def _along(matrix: np.ndarray, f: Float[Array, "..."], axis: int) -> Float[Array, "..."]:
     """The matrix applied along one axis."""
-    return jnp.moveaxis(jnp.moveaxis(f, axis, -1) @ matrix.T, -1, axis)
+    return jnp.moveaxis(jnp.moveaxis(f, axis, -1) @ staged(matrix.T), -1, axis)
 
 
 def multiply(f: Float[Array, "..."], symbol: np.ndarray, axis: int = -1) -> Float[Array, "..."]:

@@ -93,6 +93,8 @@ class AdditiveRungeKutta(AbstractStepper):
         explicit = jax.tree.map(history, first)
         implicit = jax.tree.map(jnp.zeros_like, explicit)
 
+        # Making a stage again is cheaper than writing down what its derivative needs.
+        @jax.checkpoint
         def stage(carry, row):
             explicit, implicit = carry
             i, a_explicit, a_implicit, c = row

@@ -136,6 +136,13 @@ def test_gradients_through_a_neck_are_right(width):
     np.testing.assert_allclose(slope, (4 * difference(h) - difference(2 * h)) / 3, rtol=1e-7)
 
 
+def test_what_reverse_mode_keeps_knows_nothing_of_finer_grids():
+    """What one branch keeps, all the others fill with zeros: the finest alone would keep 64 times as much."""
+    N = 32
+    _, pull = jax.vjp(lambda x: self_kernels(x[None], electric=True)[1], dumbbell(N, 1.0))
+    assert max(leaf.size for leaf in jax.tree.leaves(pull)) <= N * N
+
+
 @pytest.mark.parametrize(("share", "code"), [(1.2, status.RUNNING), (0.8, status.UNRESOLVED)])
 def test_a_neck_finer_than_the_finest_grid_resolves_is_reported(share, code):
     N = 64

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..arrays import NodeMatrix
+from ..arrays import NodeMatrix, staged
 from ..curve import Curve
 
 
@@ -27,9 +27,9 @@ class Chords(eqx.Module):
     def of(cls, curve: Curve) -> "Chords":
         """All pairs of nodes of `curve`."""
         N = curve.x.shape[0]
-        eye = np.eye(N)
+        eye = staged(np.eye(N))
         j = np.arange(N)
-        chord2 = 4 * np.sin(np.pi * (j[:, None] - j[None, :]) / N) ** 2 + eye
+        chord2 = staged(4 * np.sin(np.pi * (j[:, None] - j[None, :]) / N) ** 2 + np.eye(N))
         rx = curve.x[:, None, 0] - curve.x[None, :, 0]
         ry = curve.x[:, None, 1] - curve.x[None, :, 1]
         # Adding `eye` keeps log, quotient and their gradients finite where the distance is zero;

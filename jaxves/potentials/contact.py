@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from .. import fourier
-from ..arrays import NodeMatrix, NodePoints, VesiclePoints
+from ..arrays import NodeMatrix, NodePoints, VesiclePoints, staged
 from ..curve import Curve
 from ..lanes import greatest
 from . import laplace, stokes
@@ -47,7 +47,7 @@ class SelfKernels(eqx.Module):
     @classmethod
     def refined(cls, x: NodePoints, factor: int, *, electric: bool) -> "SelfKernels":
         """By Kress's rule on a grid `factor` times finer."""
-        R = fourier.resampling_matrix(x.shape[0], factor * x.shape[0])
+        R = staged(fourier.resampling_matrix(x.shape[0], factor * x.shape[0]))
 
         def coarser(kernel: Float[Array, "K K"]) -> NodeMatrix:
             return R.T @ (kernel @ (R / factor))

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import fourier
-from ..arrays import NodeMatrix
+from ..arrays import NodeMatrix, staged
 from ..curve import Curve
 from .chords import Chords
 
@@ -30,7 +30,7 @@ def _log_rule(N: int) -> np.ndarray:
 def slp(chords: Chords) -> NodeMatrix:
     """Kernel of S, symmetric."""
     N = chords.rx.shape[0]
-    return _log_rule(N) * (-0.5 / np.pi) - chords.smooth_log / N
+    return staged(_log_rule(N) * (-0.5 / np.pi)) - chords.smooth_log / N
 
 
 def slp_dn(curve: Curve, chords: Chords) -> NodeMatrix:
