@@ -28,7 +28,11 @@ class Curve(eqx.Module):
     def from_nodes(cls, x: NodePoints) -> "Curve":
         """Differentiates the trigonometric interpolant of the nodes."""
         d1 = fourier.derivative(x, axis=0)
-        d2 = fourier.derivative(d1, axis=0)
+        return cls.from_derivatives(x, d1, fourier.derivative(d1, axis=0))
+
+    @classmethod
+    def from_derivatives(cls, x: NodePoints, d1: NodePoints, d2: NodePoints) -> "Curve":
+        """From x, x_α and x_αα at the nodes."""
         speed = jnp.sqrt(jnp.sum(d1**2, axis=-1))
         tangent = d1 / speed[:, None]
         normal = jnp.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)

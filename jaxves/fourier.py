@@ -16,11 +16,13 @@ import functools
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from .arrays import Scalar, staged
 
 _DENSE = 1024
+_CONSTANT = 256
 
 
 def grid(N: int) -> Float[Array, "N"]:
@@ -53,6 +55,20 @@ def circulant(symbol: np.ndarray, N: int) -> np.ndarray:
     column = np.fft.irfft(symbol, N)
     j = np.arange(N)
     return column[(j[:, None] - j[None, :]) % N]
+
+
+def spread(column: np.ndarray) -> Float[Array, "N N"]:
+    """The circulant matrix with this first column.
+
+    A large one is made where it is needed: as a constant it would take its space in a compiled program at every place
+    that names it, gigabytes in all.
+    """
+    N = column.shape[0]
+    if N > _CONSTANT:
+        j = jnp.arange(N)
+        return lax.optimization_barrier(jnp.asarray(column))[(j[:, None] - j[None, :]) % N]
+    j = np.arange(N)
+    return staged(column[(j[:, None] - j[None, :]) % N])
 
 
 def derivative_symbol(N: int) -> np.ndarray:

@@ -11,7 +11,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..arrays import NodeMatrix, staged
+from .. import fourier
+from ..arrays import NodeMatrix
 from ..curve import Curve
 
 
@@ -27,9 +28,8 @@ class Chords(eqx.Module):
     def of(cls, curve: Curve) -> "Chords":
         """All pairs of nodes of `curve`."""
         N = curve.x.shape[0]
-        eye = staged(np.eye(N))
-        j = np.arange(N)
-        chord2 = staged(4 * np.sin(np.pi * (j[:, None] - j[None, :]) / N) ** 2 + np.eye(N))
+        eye = jnp.eye(N)
+        chord2 = fourier.spread(4 * np.sin(np.pi * np.arange(N) / N) ** 2 + (np.arange(N) == 0))
         rx = curve.x[:, None, 0] - curve.x[None, :, 0]
         ry = curve.x[:, None, 1] - curve.x[None, :, 1]
         # Adding `eye` keeps log, quotient and their gradients finite where the distance is zero;

@@ -52,7 +52,10 @@ class SelfKernels(eqx.Module):
         def coarser(kernel: Float[Array, "K K"]) -> NodeMatrix:
             return R.T @ (kernel @ (R / factor))
 
-        curve = Curve.from_nodes(R @ x)
+        # The curve has no finer modes than its nodes: they give its derivatives too.
+        d1 = fourier.derivative(x, axis=0)
+        fine = R @ jnp.concatenate([x, d1, fourier.derivative(d1, axis=0)], axis=1)
+        curve = Curve.from_derivatives(fine[:, :2], fine[:, 2:4], fine[:, 4:])
         return jax.tree.map(coarser, cls.of(curve, Chords.of(curve), electric=electric))
 
 

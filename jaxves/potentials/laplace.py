@@ -16,21 +16,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import fourier
-from ..arrays import NodeMatrix, staged
+from ..arrays import NodeMatrix
 from ..curve import Curve
 from .chords import Chords
 
 
 def _log_rule(N: int) -> np.ndarray:
-    """∫ ½ log(4 sin²((α_i - α)/2)) f(α) dα as a matrix on f: the symbol -π/|k|, 0 for k = 0."""
+    """∫ ½ log(4 sin²((α_i - α)/2)) f(α) dα as the first column of a circulant matrix: symbol -π/|k|, 0 for k = 0."""
     k = fourier.wavenumbers(N).astype(float)
-    return fourier.circulant(np.where(k > 0, -np.pi / np.maximum(k, 1), 0.0), N)
+    return np.fft.irfft(np.where(k > 0, -np.pi / np.maximum(k, 1), 0.0), N)
 
 
 def slp(chords: Chords) -> NodeMatrix:
     """Kernel of S, symmetric."""
     N = chords.rx.shape[0]
-    return staged(_log_rule(N) * (-0.5 / np.pi)) - chords.smooth_log / N
+    return fourier.spread(_log_rule(N) * (-0.5 / np.pi)) - chords.smooth_log / N
 
 
 def slp_dn(curve: Curve, chords: Chords) -> NodeMatrix:
