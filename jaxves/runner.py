@@ -221,7 +221,8 @@ def _error(scene_file: SceneFile, begun: _Begun, progress: Progress) -> float | 
         return None
     writer = begun.rows.writer
     try:
-        return estimated_error(begun.resolution, writer.row, _times(scene_file)[: writer.saved], progress)
+        times, steps = _times(scene_file)[: writer.saved], int(begun.rows.state.steps)
+        return estimated_error(begun.resolution, writer.row, times, steps, progress)
     except KeyboardInterrupt:  # the run itself is complete
         return np.nan
 
