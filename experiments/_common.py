@@ -132,4 +132,5 @@ def save(figure: Figure, name: str) -> None:
     """Writes figures/NAME.png."""
     folder = HERE / "figures"
     folder.mkdir(exist_ok=True)
-    figure.savefig(folder / f"{name}.png", dpi=140)
+    with rc_context(plot.STYLE):  # colours "C0", "C1", … are looked up as late as this
+        figure.savefig(folder / f"{name}.png", dpi=140)

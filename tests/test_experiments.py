@@ -11,6 +11,7 @@ import pytest
 
 from experiments import (
     _common,
+    after_budding,
     close_evaluation,
     order_in_time,
     pop_and_budding,
@@ -73,6 +74,13 @@ def test_a_conducting_vesicle_stays_prolate():
     found = pop_and_budding.run(**pop_and_budding.QUICK)
     assert pop_and_budding.classes(found)["Λ = 10"] == "P"
     assert found["POP"]["diagnostics/deformation_along_field"].min() < 0
+
+
+def test_a_vesicle_and_its_mirror_images_stay_alike():
+    found = after_budding.run(**after_budding.QUICK)
+    row = found[3.2]
+    assert row["status"] == "complete" and np.max(row["asymmetry"]) < 1e-10 and np.max(row["area"]) < 1e-5
+    after_budding.draw(found)
 
 
 @pytest.mark.slow
