@@ -1,9 +1,11 @@
 """Experiments by sweep at toy size: they run, and say what they are for."""
 
+import h5py
 import numpy as np
 import pytest
 
-from experiments import phase_diagrams, rheology, sweep_throughput
+from experiments import kills, phase_diagrams, rheology, sweep_throughput
+from experiments._treading import Setting, at, start
 
 
 def test_the_critical_field_is_bracketed_by_the_cases_that_have_a_class():
@@ -31,9 +33,40 @@ def test_throughput_times_every_way_to_compute_the_same_cases():
 
 
 def test_verdicts_are_those_of_the_numbers():
-    rising = {"steady": 2, "least rise of inclination": 0.1, "backwards up to": 0.1}
-    found = {"ratios": [0.1, 1.0], "against Λ": {0.5: rising, 0.9: rising | {"backwards up to": np.nan}}}
+    rising = {"settled": [True] * 3, "inclination": [0.1, 0.2, 0.3], "speed": [0.1, -0.1, -0.2]}
+    found = {"ratios": [0.1, 1.0, 2.0], "against Λ": {0.5: rising, 0.9: rising}}
     assert all(rheology.verdicts(found).values())
-    for key, value in (("steady", 1), ("least rise of inclination", -0.1), ("backwards up to", np.nan)):
-        spoilt = found | {"against Λ": {0.5: rising | {key: value}}}
-        assert sum(rheology.verdicts(spoilt).values()) == 2
+    spoilt_by = (("settled", [True, True, False]), ("inclination", [0.2, 0.1, 0.3]), ("speed", [-0.1, -0.1, -0.2]))
+    for (key, value), failing in zip(spoilt_by, (2, 1, 1), strict=True):
+        spoilt = found | {"against Λ": {0.5: rising | {key: value}, 0.9: rising}}
+        assert list(rheology.verdicts(spoilt).values()).count(False) == failing
+    restless = rising | {"settled": [False, True, True]}
+    assert rheology.settles_from(found, restless) == 1.0 and rheology.settles_from(found, rising) == 0.1
+
+
+@pytest.mark.slow
+def test_the_growth_of_a_bend_does_not_depend_on_the_nodes():
+    """12.396 with 96 nodes."""
+    setting = Setting(0.6, 0.1, 6.4, 10.0)
+    found = at(setting, start(setting, 64))
+    assert found.last_step < 1e-6
+    assert abs(found.growth / 12.396 - 1) < 1e-3
+
+
+def test_what_a_killed_sweep_acknowledged_must_have_the_bits_of_a_whole_one(tmp_path):
+    whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
+
+    def write(path, words, values):
+        with h5py.File(path, "w") as file:
+            file["status"], file["tension_max"] = np.array(words, "S16"), values
+            for name in file:
+                file[name].attrs["per_case"] = True
+
+    assert kills.kept(broken, whole) == (0, True)
+    write(whole, ["steady", "complete"], [1.0, 2.0])
+    write(broken, ["steady", "pending"], [1.0, np.nan])
+    assert kills.kept(broken, whole) == (1, True)
+    write(broken, ["steady", "pending"], [1.0 + 1e-15, np.nan])
+    assert kills.kept(broken, whole) == (1, False)
+    write(broken, ["complete", "pending"], [1.0, 2.0])
+    assert kills.kept(broken, whole) == (1, False)

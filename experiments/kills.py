@@ -1,0 +1,155 @@
+"""Does a sweep or a run lose anything when it is killed?
+
+    python -m experiments.kills          # a table, about five minutes
+
+`kill -9` at ten random moments of `jaxves sweep` and at ten of `jaxves run`, each time followed by the same command
+with `--resume`; when that has come to its end, anew. A moment is uniform over the seconds that the command takes
+undisturbed: some fall before there is a file, some between two writes.
+
+What to expect: after every kill the file opens, and what it acknowledged has the bits of the undisturbed one; every
+finished file has all of them, with the state to continue from; the last sitting computes what was not acknowledged
+before it, and a run goes on from its last acknowledged row.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import tomli_w
+
+from jaxves.hdf5 import datasets_below, histories, slots
+
+from ._common import store
+
+QUICK = dict(kills=1, cases=4, rows=40)
+_CACHE = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def scene(t_end, saves) -> dict:
+    """POP with few nodes."""
+    return {
+        "t_end": t_end,
+        "saves": saves,
+        "vesicle": [{"reduced_area": 0.9, "angle": 90.0}],
+        "field": {"beta": 3.2, "conductivity_ratio": 0.1},
+        "numerics": {"nodes": 32},
+    }
+
+
+def acknowledged(file: h5py.File) -> np.ndarray:
+    """Which cases of a sweep, or rows of a run, count as done."""
+    if "status" in file:
+        return (file["status"][...] != b"pending").ravel()
+    return np.arange(file.attrs["saves"]) < file.attrs["saved"]
+
+
+def parts(file: h5py.File, which: np.ndarray) -> dict[str, bytes]:
+    """All that the file says of these cases or rows."""
+    if "status" in file:
+        found = {name: data for name, data in datasets_below(file).items() if data.attrs.get("per_case")}
+        return {name: np.reshape(data[...], (len(which), -1))[which].tobytes() for name, data in found.items()}
+    return {name: data[...][which[: len(data)]].tobytes() for name, data in histories(file).items()}
+
+
+def everything(path: Path) -> dict[str, bytes | list]:
+    """All datasets of a finished file; of the two states to continue from the one that counts."""
+    with h5py.File(path) as file:
+        found = {name: data for name, data in datasets_below(file).items() if not name.startswith("restart/")}
+        if "restart" in file:
+            found |= datasets_below(slots(file)[0])
+        return {name: list(np.ravel(d[()])) if d.dtype == object else d[()].tobytes() for name, d in found.items()}
+
+
+def kept(broken: Path, whole: Path) -> tuple[int, bool]:
+    """How much a file cut off acknowledges; whether that has the right bits and a run goes on after it."""
+    if not broken.exists():
+        return 0, True
+    with h5py.File(broken) as file, h5py.File(whole) as undisturbed:
+        done = acknowledged(file)
+        same = parts(file, done) == parts(undisturbed, done)
+        if "restart" in file:
+            same &= bool(slots(file)[0]["t"][()] == file["t"][file.attrs["saved"] - 1])
+        return int(done.sum()), same
+
+
+class Command:
+    """`jaxves WORD` on these tables, in a folder of its own with its compiled programs."""
+
+    def __init__(self, word: str, tables: dict, folder: Path):
+        self.word, self.folder = word, folder
+        (folder / "in.toml").write_text(tomli_w.dumps(tables))
+
+    def __call__(self, out: Path, *options: str, seconds: float | None = None) -> str | None:
+        """What it says first; None when it was killed after so many seconds."""
+        command = [sys.executable, "-m", "jaxves", self.word, "in.toml", "--out", str(out), *options]
+        env = os.environ | _CACHE | {"JAX_COMPILATION_CACHE_DIR": str(self.folder / "cache")}
+        try:
+            done = subprocess.run(  # on time-out it kills with SIGKILL
+                command, check=True, capture_output=True, timeout=seconds, cwd=self.folder, env=env, text=True
+            )
+        except subprocess.TimeoutExpired:
+            return None
+        return done.stdout.partition("\n")[0]
+
+
+def disturbed(command: Command, kills: int, rng: np.random.Generator) -> dict:
+    """Its seconds undisturbed; by sitting, what was acknowledged before and after, and whether all held."""
+    whole, broken = command.folder / "whole.h5", command.folder / "broken.h5"
+    command(whole)  # compiles
+    began = time.perf_counter()
+    command(whole, "--force")
+    seconds = time.perf_counter() - began
+    reference = everything(whole)
+    with h5py.File(whole) as file:
+        size = len(acknowledged(file))
+    sittings, before = [], 0
+    while (left := kills - sum(row["killed"] for row in sittings)) or broken.exists():
+        options = ["--resume"] if broken.exists() else []
+        moment = rng.uniform(0, seconds) if left else None
+        said = command(broken, *options, seconds=moment)
+        if said is None:
+            after, held = kept(broken, whole)
+            held &= after >= before
+        else:
+            after, held = size, everything(broken) == reference
+            if command.word == "sweep":
+                held &= said == f"{size - before} cases computed now, {before} were there"
+            broken.unlink()
+        sittings.append({"killed": said is None, "seconds": moment, "before": before, "after": after, "held": held})
+        before = after if broken.exists() else 0
+    return {"seconds": seconds, "size": size, "sittings": sittings}
+
+
+def run(kills=10, cases=300, rows=6000, seed=None):
+    """By command: its seconds undisturbed, how many cases or rows it has, and its sittings."""
+    rng = np.random.default_rng(seed)
+    axes = {"field.beta": {"start": 0.5, "stop": 6.0, "num": cases // 2}, "field.membrane_conductance": [0.0, 1.0]}
+    tables = {
+        "sweep": {"scene": scene(0.1, 4), "keep": ["history", "shapes"], "axes": axes},
+        "run": scene(0.5, rows - 1),
+    }
+    found = {}
+    for word, table in tables.items():
+        with tempfile.TemporaryDirectory() as folder:
+            found[word] = disturbed(Command(word, table, Path(folder)), kills, rng)
+    return found
+
+
+def main():
+    found = run()
+    store("kills", found)
+    for word, row in found.items():
+        print(f"jaxves {word}: {row['seconds']:.1f} s undisturbed; {row['size']} cases or rows")
+        for sitting in row["sittings"]:
+            end = f"killed after {sitting['seconds']:4.1f} s" if sitting["killed"] else "done             "
+            print(f"   {sitting['before']:5} there, {end}: {sitting['after']:5}, held: {sitting['held']}")
+    assert all(sitting["held"] for row in found.values() for sitting in row["sittings"])
+
+
+if __name__ == "__main__":
+    main()
