@@ -13,6 +13,7 @@ three such states is told besides. Near Δ = 1 the viscosity forgets β and Ca.
 """
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from jaxves import plot, status
@@ -72,13 +73,15 @@ def run(
     grows = []
     for area, ratio in disturbed:
         setting = Setting(area, ratio, 6.4, 10.0)
-        grows.append((area, ratio, at(setting, start(setting, 96))))
+        state = at(setting, start(setting, 96))._asdict()
+        del state["y"]
+        grows.append({"Δ": area, "Λ": ratio} | state)
     return {
         "ratios": list(ratios),
         "against Λ": dict(sorted(against.items())),
         "strengths": list(over[1]),
         "over β and Δ": maps,
-        "disturbed": [{"Δ": area, "Λ": ratio} | found._asdict() | {"y": None} for area, ratio, found in grows],
+        "disturbed": grows,
     }
 
 
@@ -119,10 +122,13 @@ def verdicts(found) -> dict[str, bool]:
     }
 
 
-def spread(rows, area) -> tuple[float, float]:
-    """Of [μ] over all β and Ca, and of its mean over β between the Ca."""
+def spread(rows, area) -> tuple[float, float, float]:
+    """The largest of [μ] over β at one Ca, with β = 0 and without; over Ca at one β. Of what settles."""
     values = np.array([by_area[area]["viscosity"] for by_area in rows.values()])
-    return float(np.nanmax(values) - np.nanmin(values)), float(np.ptp(np.nanmean(values, axis=1)))
+    over_beta = [[np.nanmax(row) - np.nanmin(row) for row in part if np.isfinite(row).any()]
+                 for part in (values, values[:, 1:])]  # fmt: skip
+    over_shear = np.ptp(values, axis=0)
+    return *map(max, over_beta), max(over_shear[np.isfinite(over_shear)], default=np.nan)
 
 
 @styled
@@ -149,12 +155,11 @@ def draw_maps(found) -> Figure:
     figure = Figure(figsize=(plot.PAGE, 2.8))
     panels = figure.subplots(1, len(found["over β and Δ"]), sharey=True, squeeze=False)[0]
     for ax, (shear, rows) in zip(panels, found["over β and Δ"].items(), strict=True):
-        for i, (area, row) in enumerate(rows.items()):
-            color = f"C{i}"
+        for (area, row), color in zip(rows.items(), colormaps["viridis"](np.linspace(0, 0.9, len(rows))), strict=True):
             ax.plot(found["strengths"], row["viscosity"], ".-", ms=4, lw=1, color=color, label=rf"$\Delta = {area:g}$")
         ax.set(xlabel=r"$\beta$", title=f"Ca = {shear:g}")
     panels[0].set(ylabel=r"$[\mu]$")
-    panels[-1].legend(fontsize=7)
+    panels[-1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5))
     return figure
 
 
@@ -171,7 +176,7 @@ def main():
     maps = found["over β and Δ"]
     for area in next(iter(maps.values())):
         settled = sum(sum(rows[area]["settled"]) for rows in maps.values())
-        spreads = "{:.4f} over β and Ca, {:.4f} over Ca".format(*spread(maps, area))
+        spreads = "{:.4f} over β, {:.4f} without β = 0, {:.4f} over Ca".format(*spread(maps, area))
         print(f"Δ = {area}: {settled} settled, [μ] spreads by {spreads}")
     for row in found["disturbed"]:
         print(f"Δ = {row['Δ']}, Λ = {row['Λ']:.3g}: growth {row['growth']:.3f}, odd part {row['odd']:.3f}")
