@@ -49,6 +49,24 @@ def named_errors(verb: str, path: Path) -> Iterator[None]:
         raise StoreError(f"cannot {verb} {path}: {' '.join(reason.split())}") from error
 
 
+class OpenFile:
+    """A file held open for adding to it: a context manager."""
+
+    path: Path
+    _file: h5py.File
+
+    def close(self) -> None:
+        """Closes the file; what was written is in it with or without this."""
+        with named_errors("write", self.path):
+            self._file.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
+
+
 @contextmanager
 def replacing(path: Path, copy: bool = False) -> Iterator[h5py.File]:
     """A new file, or a copy of the old one, which takes the name `path` once it is complete and on the disk."""

@@ -25,6 +25,7 @@ import numpy as np
 from . import certificate, status
 from .hdf5 import (
     Description,
+    OpenFile,
     StoreError,
     create_average,
     create_datasets,
@@ -70,7 +71,7 @@ class Record:
     scene: str
 
 
-class Writer:
+class Writer(OpenFile):
     """Writes one run, block after block; a context manager.
 
     Args:
@@ -200,17 +201,6 @@ class Writer:
             if error is not None:
                 file.attrs["error"] = error
             file.attrs.update(status=status, advice=advice, wall_time=file.attrs["wall_time"] + wall_time)
-
-    def close(self) -> None:
-        """Closes the file; what was appended is in it with or without this."""
-        with named_errors("write", self.path):
-            self._file.close()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exception):
-        self.close()
 
     def _checked_count(self, block) -> int:
         if block.keys() != self._rows.keys():

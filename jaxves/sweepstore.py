@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 
 from . import phases, status
-from .hdf5 import StoreError, named_errors, replacing
+from .hdf5 import OpenFile, StoreError, named_errors, replacing
 from .sweepfile import Plan, to_toml
 
 SCHEMA_VERSION = 1
@@ -89,7 +89,7 @@ def reason(word: str) -> str:
     return _EXPLAINED.get(word) or status.ADVICE.get(word, "")
 
 
-class SweepWriter:
+class SweepWriter(OpenFile):
     """Writes cases as they come; a context manager. Use `create` or `reopen`."""
 
     def __init__(self, path: Path):
@@ -210,17 +210,6 @@ class SweepWriter:
         with named_errors("write", self.path), replacing(self.path, copy=True) as file:
             file.attrs.update(status=word, wall_time=file.attrs["wall_time"] + wall_time)
         self.__init__(self.path)
-
-    def close(self) -> None:
-        """Closes the file; what was written is in it with or without this."""
-        with named_errors("write", self.path):
-            self._file.close()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exception):
-        self.close()
 
     def _place(self, case: int, count: int) -> tuple:
         *rows, column = np.unravel_index(case, self._shape)

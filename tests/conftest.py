@@ -9,13 +9,15 @@ import sys
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
 
+import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxves  # noqa: F401  (switches double precision on)
-from jaxves import fourier
+from jaxves import diagnostics, fourier
+from jaxves.equation import equation_for
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -50,6 +52,32 @@ def star(N):
 def shape(request):
     """A function N -> nodes (N, 2)."""
     return request.param
+
+
+def stored(path):
+    """Every dataset of a result file but the state to continue from, as bytes."""
+    found = {}
+
+    def visit(name, item):
+        if isinstance(item, h5py.Dataset) and not name.startswith("restart"):
+            found[name] = (item.shape, item[()].tobytes() if item.dtype != object else list(np.ravel(item[()])))
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    return found
+
+
+@jax.jit
+def motion_of(scene, y):
+    """What holds at t = 0 in the state y of a scene."""
+    return equation_for(scene).motion(jnp.zeros(()), y)
+
+
+@jax.jit
+def diagnosed(scene, y):
+    """The diagnostics of the state y of a scene at t = 0."""
+    equation = equation_for(scene)
+    return diagnostics.diagnose(equation, jnp.zeros(()), y, equation.motion(jnp.zeros(()), y))
 
 
 def observed_order(sizes, errors):

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
+from conftest import stored
 
 from jaxves import store
 from jaxves.cli import answer
@@ -339,18 +340,6 @@ def finished(process):
     return process.returncode, out, err
 
 
-def datasets(path):
-    found = {}
-
-    def visit(name, item):
-        if isinstance(item, h5py.Dataset) and not name.startswith("restart"):
-            found[name] = (item.shape, item[()].tobytes() if item.dtype != object else list(item[()]))
-
-    with h5py.File(path) as file:
-        file.visititems(visit)
-    return found
-
-
 def test_runs_killed_and_interrupted_leave_whole_files_and_a_resumed_one_has_the_bits_of_a_whole_run(start, tmp_path):
     scene = tmp_path / "long.toml"
     scene.write_text(LONG)
@@ -377,7 +366,7 @@ def test_runs_killed_and_interrupted_leave_whole_files_and_a_resumed_one_has_the
 
     code, out, err = finished(start("run", scene, "--out", killed, "--resume"))
     assert code == 0, err
-    assert datasets(killed) == datasets(whole)
+    assert stored(killed) == stored(whole)
     assert store.load(killed).status == "complete"
 
 

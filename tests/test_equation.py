@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import circle
+from conftest import circle, diagnosed, motion_of
 
-from jaxves import curve, diagnostics, electric, flow, fourier, membrane, shapes
+from jaxves import curve, electric, flow, fourier, membrane, shapes
 from jaxves.curve import Curve
 from jaxves.equation import Filter, Unknowns, equation_for
 from jaxves.scene import dc_field, make_scene
@@ -27,17 +27,6 @@ def charged(s, amplitude=0.4):
     """A state with a potential that has no symmetry."""
     alpha = fourier.grid(s.x.shape[1])
     return Unknowns(s.x, None if s.field is None else amplitude * (jnp.sin(alpha) + 0.3 * jnp.cos(2 * alpha))[None])
-
-
-@jax.jit
-def motion_of(s, y):
-    return equation_for(s).motion(jnp.zeros(()), y)
-
-
-@jax.jit
-def diagnosed(s, y):
-    equation = equation_for(s)
-    return diagnostics.diagnose(equation, jnp.zeros(()), y, equation.motion(jnp.zeros(()), y))
 
 
 def test_both_forms_of_the_elastic_force_are_one_at_high_resolution():

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import diagnosed, motion_of
 
 from jaxves import diagnostics, flow, fourier, interactions, shapes
 from jaxves.curve import Curve
@@ -24,17 +25,6 @@ def pair(N, gap, *, separate=None, M=2):
     s = make_scene([first, second], centers=[[0.0, 0.0], [reach, 0.0]], field=field, flow=flow.Shear(2.0))
     alpha = fourier.grid(N)
     return s, Unknowns(s.x, jnp.stack([0.4 * jnp.sin(alpha) + 0.1 * jnp.cos(2 * alpha), 0.3 * jnp.cos(alpha)]))
-
-
-@jax.jit
-def motion_of(s, y):
-    return equation_for(s).motion(jnp.zeros(()), y)
-
-
-@jax.jit
-def diagnosed(s, y):
-    equation = equation_for(s)
-    return diagnostics.diagnose(equation, jnp.zeros(()), y, equation.motion(jnp.zeros(()), y))
 
 
 def test_vesicles_far_apart_move_as_if_alone():

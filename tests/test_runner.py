@@ -2,9 +2,9 @@
 
 import tomllib
 
-import h5py
 import numpy as np
 import pytest
+from conftest import stored
 
 from jaxves import fourier, problem, runner, status, store
 from jaxves.certificate import certificate
@@ -26,19 +26,6 @@ def quiet(*, area=0.9, relaxed="true", stop="[stop]\nsteady = 1e-3\n"):
     """Neither field nor flow."""
     text = BASE.format(t_end=1.0, saves=4) + VESICLE.format(area) + f"relaxed = {relaxed}\n"
     return parse(tomllib.loads(text + stop + "[numerics]\nnodes = 32\n"))
-
-
-def contents(path):
-    """Every dataset of a file but the state to continue from, as bytes."""
-    found = {}
-
-    def visit(name, item):
-        if isinstance(item, h5py.Dataset) and not name.startswith("restart"):
-            found[name] = (item.shape, item[()].tobytes() if item.dtype != object else list(item[()]))
-
-    with h5py.File(path) as file:
-        file.visititems(visit)
-    return found
 
 
 class Stops:
@@ -64,13 +51,13 @@ def test_a_run_interrupted_and_resumed_has_the_bits_of_an_uninterrupted_one(tmp_
     assert runner.run(scene_file, parts, progress=Stops(5)) == "interrupted"
     record = store.load(parts)
     assert len(record.t) == 6 and record.status == "interrupted" and "--resume" in record.attributes["advice"]
-    assert contents(parts) != contents(whole)
+    assert stored(parts) != stored(whole)
     # Written in other blocks, and stopped once more.
     monkeypatch.setattr(runner, "_SECONDS", 0.0)
     assert runner.run(scene_file, parts, resume=True, progress=Stops(2)) == "interrupted"
     assert runner.run(scene_file, parts, resume=True) == "complete"
-    assert contents(parts) == contents(whole)
-    assert "averages/stress" in contents(whole)
+    assert stored(parts) == stored(whole)
+    assert "averages/stress" in stored(whole)
 
 
 def test_a_result_holds_the_start_all_saved_times_and_what_made_it(tmp_path):

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray
+from conftest import stored
 
 import jaxves
 from jaxves import batches, sweepstore
@@ -53,19 +54,6 @@ nodes = 32
 "field.beta" = { start = 0.5, stop = 6.0, num = 12 }
 "field.membrane_conductance" = [0.0, 0.5, 1.0, 2.0]
 """
-
-
-def datasets(path):
-    """Everything in the file but its attributes, bit by bit."""
-    found = {}
-
-    def visit(name, item):
-        if isinstance(item, h5py.Dataset):
-            found[name] = (item.shape, item[()].tobytes() if item.dtype != object else list(np.ravel(item[()])))
-
-    with h5py.File(path) as file:
-        file.visititems(visit)
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +105,7 @@ def test_the_file_opens_in_xarray_as_a_labelled_grid(whole):
 
 def test_a_case_does_not_depend_on_its_batch(whole, tmp_path):
     jaxves.sweep(GRID, tmp_path / "out.h5", devices=1, batch=4)
-    assert datasets(tmp_path / "out.h5") == datasets(whole)
+    assert stored(tmp_path / "out.h5") == stored(whole)
 
 
 def test_cases_side_by_side_agree_with_cases_one_by_one(whole, tmp_path):
@@ -214,7 +202,7 @@ def test_an_interrupted_sweep_goes_on_where_it_was_with_the_same_bits(whole, tmp
     rest = Counting()
     jaxves.sweep(GRID, path, devices=1, batch=2, resume=True, progress=rest)
     assert rest.done[0] == 4 and rest.done[-1] == 6
-    assert datasets(path) == datasets(whole)
+    assert stored(path) == stored(whole)
 
 
 @pytest.mark.parametrize("missing", [0, 2])
@@ -229,7 +217,7 @@ def test_the_command_says_how_many_cases_it_computed_and_how_many_were_there(who
     with contextlib.redirect_stdout(io.StringIO()) as out:
         code = answer(["sweep", str(file), "--out", str(path), "--resume", "--devices", "1", "--batch", "2"])
     assert code == 0 and f"{missing} cases computed now, {6 - missing} were there" in out.getvalue()
-    assert datasets(path) == datasets(whole)
+    assert stored(path) == stored(whole)
 
 
 def test_a_file_is_resumed_only_with_its_own_sweep_and_not_overwritten(whole, tmp_path):
@@ -310,7 +298,7 @@ def test_a_sweep_killed_at_any_moment_goes_on_and_ends_with_the_bits_of_a_whole_
     code, out, err = finished(start("killed.h5", "--devices", 1, "--resume"))
     assert code == 0, err
     assert f"{48 - acknowledged} cases computed now, {acknowledged} were there" in out
-    assert datasets(killed) == datasets(start.folder / "whole.h5")
+    assert stored(killed) == stored(start.folder / "whole.h5")
 
 
 @pytest.mark.slow
@@ -326,7 +314,7 @@ def test_two_processes_share_a_sweep_and_give_the_bits_of_one(start):
     for process in both:
         code, _, err = finished(process)
         assert code == 0, err
-    assert datasets(start.folder / "two.h5") == datasets(whole)
+    assert stored(start.folder / "two.h5") == stored(whole)
     assert not list(start.folder.glob("two.h5.*"))
 
 
