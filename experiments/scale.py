@@ -5,8 +5,9 @@
 A suspension is a lattice of ellipses (Δ = 0.9), each turned at random, whose circumscribed circles are 0.2 apart: no
 gap is smaller, and those below 5.5 node spacings take close evaluation. A step is a whole one of ARK4 in a field:
 the frozen part, six F with their coupled solves for charge and tension, implicit solves and the projection. Every
-size runs in its own process, which reports its own peak memory. Times are compared with the step of one vesicle in
-the same process, in wall time and in processor time, of which a busy machine adds nothing.
+size runs in its own process, which reports its own peak memory, on one device; the largest once more on two, among
+which the targets of sums are shared. Times are compared with the step of one vesicle in the same process, in wall
+time and in processor time, of which a busy machine adds nothing.
 
 What to expect: counts that settle with M, memory that grows like M, and time that grows like M² once sums of all
 pairs rule. A far pair costs less than 4.5 single vesicles, a near one less than 10, and side by side (`vmap`) far
@@ -15,6 +16,7 @@ pairs pay as if they were near.
 
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -24,6 +26,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 from matplotlib.figure import Figure
 
 from jaxves import fourier, plot, shapes
@@ -88,11 +91,13 @@ def _timed(call):
 
 
 def row(M: int, N: int) -> dict:
-    """One step of a suspension without pair matrices, in this process."""
+    """One step of a suspension without pair matrices, in this process, on all of its devices."""
     single, y_single = (lambda scene: (scene, charged(scene)))(suspension(1, N))
     scene = suspension(M, N)
     y = charged(scene)
-    coupling = None if M == 1 else MatrixFree()
+    devices = jax.devices()
+    mesh = Mesh(np.array(devices), ("targets",)) if len(devices) > 1 else None
+    coupling = None if M == 1 else MatrixFree(mesh=mesh)
     compiled = _step.lower(scene, y, coupling).compile()
     memory = compiled.compiled.memory_analysis()
     call = lambda: compiled(scene, y, coupling)  # noqa: E731
@@ -107,6 +112,7 @@ def row(M: int, N: int) -> dict:
     unit_wall, unit_cpu = np.median(units, axis=0)
     return {
         "M": M,
+        "devices": len(devices),
         "wall": wall,
         "cpu": cpu,
         "wall / single": wall / unit_wall,
@@ -121,10 +127,13 @@ def row(M: int, N: int) -> dict:
     }
 
 
-def row_in_a_process(M: int, N: int) -> dict:
-    """`row`, in a process of its own."""
+def row_in_a_process(M: int, N: int, devices=1) -> dict:
+    """`row`, in a process of its own with so many devices: each of them a thread."""
     command = [sys.executable, "-m", "experiments.scale", "--row", str(M), "--nodes", str(N)]
-    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
+    environment = os.environ | {"XLA_FLAGS": flags}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    return json.loads(done.stdout)
 
 
 def couplings(sizes, N: int, repeats: int) -> dict[int, dict[str, float]]:
@@ -167,6 +176,7 @@ def run(sizes=SIZES, few=(2, 3, 4, 8, 16, 32), N=64, repeats=21) -> dict:
     """Rows by size, what a pair costs, and the ways to couple a few."""
     return {
         "rows": [row_in_a_process(M, N) for M in sizes],
+        "on two devices": row_in_a_process(max(sizes), N, devices=2),
         "pairs": pairs(N, repeats),
         "couplings": couplings(few, N, repeats),
     }
@@ -197,10 +207,10 @@ def draw(found) -> Figure:
 
 def report(found) -> None:
     """Prints the tables."""
-    print("  M    wall s    cpu s  cpu/single  iterations  residual  near  peak MiB  planned MiB")
-    for r in found["rows"]:
+    print("  M  devices  wall s    cpu s  cpu/single  iterations  residual  near  peak MiB  planned MiB")
+    for r in [*found["rows"], found["on two devices"]]:
         print(
-            f"{r['M']:4d} {r['wall']:9.4f} {r['cpu']:9.4f} {r['cpu / single']:9.2f}"
+            f"{r['M']:4d} {r['devices']:4d} {r['wall']:9.4f} {r['cpu']:9.4f} {r['cpu / single']:9.2f}"
             f" {r['iterations']:9d} {r['residual']:12.1e} {r['near pairs']:6d} {r['peak'] / 2**20:8.0f}"
             f" {r['planned'] / 2**20:10.1f}"
         )

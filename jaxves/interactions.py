@@ -105,7 +105,7 @@ class PairMatrices(AbstractInteractions):
 
     def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
         _, source = _pairs(self.vesicles)
-        return self._gather(jnp.einsum("paij,pj->pia", self.gradient, q[source]))
+        return self._gather(times(self.gradient, q[source]))
 
     def scattered(self, blocks: Float[Array, "pairs N N"]) -> Float[Array, "n n"]:
         """The matrix of all membranes with these blocks off its diagonal."""
@@ -117,6 +117,12 @@ class PairMatrices(AbstractInteractions):
     def _gather(self, values: Float[Array, "pairs N *rest"]) -> Float[Array, "M N *rest"]:
         target, _ = _pairs(self.vesicles)
         return jnp.zeros((self.vesicles, *values.shape[1:])).at[target].add(values)
+
+
+def times(gradient: Float[Array, "pairs 2 N N"], q: Float[Array, "pairs N"]) -> Float[Array, "pairs N 2"]:
+    """The gradients of densities `q`."""
+    # Asked for components last, XLA's CPU compiler leaves the fast product: twenty times slower for many pairs.
+    return jnp.swapaxes(jnp.einsum("paij,pj->pai", gradient, q), 1, 2)
 
 
 def _pairs(M: int) -> tuple[np.ndarray, np.ndarray]:

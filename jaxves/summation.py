@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from . import fourier
 from .arrays import VesicleNodes, VesiclePoints
 from .curve import Curve
-from .interactions import AbstractCoupling, AbstractInteractions, Pairwise, close_matrices
+from .interactions import AbstractCoupling, AbstractInteractions, Pairwise, close_matrices, times
 from .neighbours import NearPairs
 from .potentials import far
 from .potentials.stokes import StokesBlocks
@@ -74,7 +74,7 @@ class Summation(AbstractInteractions):
         return self._summed(far.stokes_slp, f).at[self.near.target].add(near)
 
     def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
-        near = jnp.einsum("paij,pj->pia", self.gradient, q[self.near.source])
+        near = times(self.gradient, q[self.near.source])
         return self._summed(far.laplace_slp_gradient, q).at[self.near.target].add(near)
 
     def roughly(self) -> "Summation":

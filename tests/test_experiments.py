@@ -151,5 +151,8 @@ def test_scale_steps_a_suspension_in_a_process_of_its_own():
     assert row["finite"]
     assert row["residual"] < 1e-11
     assert row["peak"] > row["planned"] > 0
+    shared = found["on two devices"]
+    assert (row["devices"], shared["devices"]) == (1, 2)
+    assert shared["iterations"] == row["iterations"]
     assert found["pairs"]["near pair"] > found["pairs"]["single"]
     scale.draw(found)
