@@ -41,6 +41,7 @@ _LAYERS = {
     "scene": ("Scene", "dc_field", "make_scene"),
     "krylov": (),
     "linear": ("GMRES", "Dense"),
+    "together": (),
     "equation": ("Unknowns", "equation_for"),
     # many steps, and what they say
     "steppers": ("ARK4", "ARK5", "SemiImplicitEuler"),

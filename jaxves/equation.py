@@ -8,11 +8,14 @@ instant, one block per membrane; with G the single layer, T σ = (σ x_s)_s, Q v
 
     A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q        A_V = (Λ/(1+Λ) (½ + S'η)⁻¹ D' - G)/χ
 
+While few membranes are near each other, A_x is one matrix of all instead (`together`).
+
 Spectral derivatives cannot see the Nyquist mode, so nothing would damp it: σ and V_m lose it, and x
 loses a band more, because a stretching pattern just below Nyquist is invisible to a σ without it.
 Nothing here knows how time is stepped.
 """
 
+import functools
 from collections.abc import Callable
 
 import equinox as eqx
@@ -22,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from . import curve as geometry
-from . import electric, fourier, krylov, linear, membrane, status
+from . import electric, fourier, krylov, linear, membrane, status, together
 from .arrays import PerVesicle, Scalar, Status, VesicleNodes, VesiclePoints
 from .curve import Curve
 from .electric import SurfaceFields
@@ -131,7 +134,7 @@ def _solve_coupled(
         return (jnp.einsum("mij,mj->mi", blocks.operator.matrix, v) + respond(across, v)).reshape(-1)
 
     def own(v):
-        return jax.vmap(lambda block, b: block.solve_columns(b[:, None])[:, 0])(blocks, v)
+        return linear.solve_blocks(blocks, v)
 
     def precondition(v):
         v = v.reshape(M, N)
@@ -143,12 +146,12 @@ def _solve_coupled(
     return linear.GMRES(_COUPLED).factor(operator).solve(b.reshape(-1)).reshaped(M, N)
 
 
-def _solve_assembled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"], b: VesicleNodes) -> linear.Solution:
-    """The same by factorising the matrix of all membranes: `blocks` on its diagonal, `coupled` off it."""
-    M, N = b.shape
+def _assembled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"]) -> linear.AbstractFactoredDense:
+    """The factorised matrix of all membranes: `blocks` on its diagonal, `coupled` off it."""
+    M, N, _ = blocks.shape
     m = np.arange(M)
     whole = coupled.reshape(M, N, M, N).at[m, :, m, :].set(blocks).reshape(M * N, M * N)
-    return linear.Dense().factor(linear.LinearOperator(whole)).solve(b.reshape(-1)).reshaped(M, N)
+    return linear.Dense().factor(linear.LinearOperator(whole))
 
 
 def _crowded(surfaces: Surfaces) -> Array | None:
@@ -169,11 +172,15 @@ class Constraint(eqx.Module):
 
 
 class Frozen(eqx.Module):
-    """The linear part at one instant, with the constraint that projections use."""
+    """The linear part at one instant, with the constraint that projections use.
+
+    `A_all` replaces the blocks `A_x` while membranes are near; it is zero otherwise, and None where there never is one.
+    """
 
     motion: Motion
     constraint: Constraint
     A_x: Float[Array, "M n n"]
+    A_all: Float[Array, "Mn Mn"] | None
     A_V: Float[Array, "M N N"] | None
 
     def implicit(self, c: Scalar) -> "Implicit":
@@ -182,21 +189,25 @@ class Frozen(eqx.Module):
         def shifted(A):
             return linear.factor_blocks(jnp.eye(A.shape[-1]) - c * A)
 
-        return Implicit(shifted(self.A_x), None if self.A_V is None else shifted(self.A_V))
+        x = shifted(self.A_x)
+        if self.A_all is not None:
+            x = together.Shifted.of(self.motion.surfaces.interactions.any_near, x, self.A_all, c)
+        return Implicit(x, None if self.A_V is None else shifted(self.A_V))
 
 
 class Implicit(eqx.Module):
     """1 - c A, ready to be solved with; the identity on running integrals."""
 
-    x: linear.AbstractFactored
-    V_m: linear.AbstractFactored | None
+    x: linear.AbstractFactoredDense | together.Shifted
+    V_m: linear.AbstractFactoredDense | None
 
     def solve(self, r: Unknowns) -> Unknowns:
         """(1 - c A)⁻¹ r."""
         M, N, _ = r.x.shape
         columns = jnp.swapaxes(r.x, 1, 2).reshape(M, 2 * N)
-        x = jax.vmap(lambda lu, b: lu.solve(b).value)(self.x, columns)
-        V_m = None if self.V_m is None else jax.vmap(lambda lu, b: lu.solve(b).value)(self.V_m, r.V_m)
+        solve = self.x.solve if isinstance(self.x, together.Shifted) else functools.partial(linear.solve_blocks, self.x)
+        x = solve(columns)
+        V_m = None if self.V_m is None else linear.solve_blocks(self.V_m, r.V_m)
         return Unknowns(jnp.swapaxes(x.reshape(M, 2, N), 1, 2), V_m, r.integrals)
 
 
@@ -317,11 +328,18 @@ class Equation(eqx.Module):
 
             return _solve_coupled(constraint.tension, respond, across, stretch)
 
+        tension = self._assembled_tension(surfaces, constraint)
+        return tension.solve(stretch.reshape(-1)).reshaped(*stretch.shape)
+
+    def _assembled_tension(self, surfaces: Surfaces, constraint: Constraint) -> linear.AbstractFactoredDense:
+        """The factorised stretch of all membranes that all their tensions cause."""
+        across = surfaces.interactions
+
         def block(velocity, target, source):
-            return -_stretch_response(velocity, target, source, cut)
+            return -_stretch_response(velocity, target, source, self.filter.surface)
 
         coupled = across.scattered(jax.vmap(block)(across.velocity, *pair_frames(surfaces.curves)))
-        return _solve_assembled(constraint.tension.operator.matrix, coupled, stretch)
+        return _assembled(constraint.tension.operator.matrix, coupled)
 
     def _charge(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, factored: bool):
         field = self.scene.field
@@ -346,7 +364,7 @@ class Equation(eqx.Module):
         normal = jnp.moveaxis(target.normal, -1, 1)[..., None]
         eta = jnp.repeat(field.contrast(), V_m.shape[1])
         coupled = across.scattered(jnp.sum(normal * across.gradient, axis=1)) * eta
-        return _solve_assembled(matrices, coupled, flux), charge
+        return _assembled(matrices, coupled).solve(flux.reshape(-1)).reshaped(*flux.shape), charge
 
     def _traction(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, w: VesicleNodes):
         field = self.scene.field
@@ -366,6 +384,9 @@ class Equation(eqx.Module):
         A_x = jax.vmap(self._frozen_shape)(
             surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint
         )
+        A_all = None
+        if self.coupling is not None and self.coupling.direct:
+            A_all = self._frozen_together(motion, constraint)
         A_V = None
         if self.scene.field is not None:
             field = self.scene.field
@@ -377,7 +398,19 @@ class Equation(eqx.Module):
                 field.membrane_conductance,
                 field.membrane_chi,
             )
-        return Frozen(motion, constraint, A_x, A_V)
+        return Frozen(motion, constraint, A_x, A_all, A_V)
+
+    def _frozen_together(self, motion: Motion, constraint: Constraint) -> Float[Array, "n n"]:
+        """A_x of all membranes while any are near, else zero."""
+        surfaces = motion.surfaces
+
+        def near():
+            tension = self._assembled_tension(surfaces, constraint)
+            cuts = dict(cut=self.filter.x, surface_cut=self.filter.surface)
+            return together.frozen_shapes(surfaces, tension, motion.sigma, self.scene.bending, **cuts)
+
+        size = 2 * motion.sigma.size
+        return jax.lax.cond(surfaces.interactions.any_near, near, lambda: jnp.zeros((size, size)))
 
     def _frozen_shape(self, curve, stokes_slp, sigma, bending, constraint):
         """A_x on one membrane, (2N, 2N); the metric is taken uniform, which the projection keeps it."""

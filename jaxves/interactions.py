@@ -80,6 +80,7 @@ class PairMatrices(AbstractInteractions):
 
     velocity: StokesBlocks
     gradient: Float[Array, "pairs 2 N N"] | None
+    any_near: Bool[Array, ""]
     vesicles: int = eqx.field(static=True)
     crowded: None = None
 
@@ -97,25 +98,29 @@ class PairMatrices(AbstractInteractions):
             return jax.lax.cond(near, lambda: close_matrices(source, x, electric), lambda: far)
 
         velocity, gradient = jax.lax.map(refined, (is_near, sources, targets.x, far))
-        return cls(velocity, gradient, curves.x.shape[0])
+        return cls(velocity, gradient, jnp.any(is_near), curves.x.shape[0])
+
+    def ordered(self) -> tuple[np.ndarray, np.ndarray]:
+        """The target and the source of every pair."""
+        return _pairs(self.vesicles)
 
     def stokes(self, f: VesiclePoints) -> VesiclePoints:
-        _, source = _pairs(self.vesicles)
+        _, source = self.ordered()
         return self._gather(jax.vmap(StokesBlocks.__matmul__)(self.velocity, f[source]))
 
     def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
-        _, source = _pairs(self.vesicles)
+        _, source = self.ordered()
         return self._gather(times(self.gradient, q[source]))
 
     def scattered(self, blocks: Float[Array, "pairs N N"]) -> Float[Array, "n n"]:
         """The matrix of all membranes with these blocks off its diagonal."""
-        target, source = _pairs(self.vesicles)
+        target, source = self.ordered()
         M, N = self.vesicles, blocks.shape[-1]
         # advanced indices apart from each other put the pair axis first
         return jnp.zeros((M, N, M, N)).at[target, :, source, :].set(blocks).reshape(M * N, M * N)
 
     def _gather(self, values: Float[Array, "pairs N *rest"]) -> Float[Array, "M N *rest"]:
-        target, _ = _pairs(self.vesicles)
+        target, _ = self.ordered()
         return jnp.zeros((self.vesicles, *values.shape[1:])).at[target].add(values)
 
 

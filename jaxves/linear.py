@@ -272,3 +272,8 @@ def for_second_kind(n: int) -> AbstractSolver:
 def factor_blocks(matrices: Float[Array, "M n n"], *, positive_definite: bool = False) -> AbstractFactoredDense:
     """Dense factors of each block of a block-diagonal matrix, batched along the first axis."""
     return jax.vmap(lambda A: Dense().factor(LinearOperator(A, positive_definite=positive_definite)))(matrices)
+
+
+def solve_blocks(blocks: AbstractFactoredDense, b: Float[Array, "M n"]) -> Float[Array, "M n"]:
+    """Solves with each of the factored blocks."""
+    return jax.vmap(lambda block, b: block.solve_columns(b[:, None])[:, 0])(blocks, b)
