@@ -4,8 +4,8 @@ import tomllib
 
 import numpy as np
 import pytest
-from conftest import star
-from test_runner import Stops, contents
+from conftest import star, stored
+from test_runner import Stops
 
 from jaxves import fourier, problem, resolution, runner, store
 from jaxves.equation import Filter
@@ -69,4 +69,4 @@ def test_a_run_takes_the_nodes_that_it_needs(tmp_path, monkeypatch):
     assert np.max(np.abs(found.x - right.x)) < 1e-4 and np.max(np.abs(found.V_m - right.V_m)) < 1e-3
     assert runner.run(pop('"auto"'), parts, progress=Stops(9)) == "interrupted"
     assert runner.run(pop('"auto"'), parts, resume=True) == "complete"
-    assert contents(parts) == contents(auto)
+    assert stored(parts) == stored(auto)
