@@ -4,7 +4,7 @@
 
 One vesicle in a field, thread for thread: LAPACK and the products of XLA have one each. The unit is SciPy's
 `lu_factor` and `lu_solve` for 3N unknowns, which a method that solved for shape and tension at once would need once a
-step; everything takes turns in one process.
+step; everything takes turns in one process, on one core.
 Given are medians, and the ratio of the least times, which other work on the machine disturbs less. Memory that was
 freed stays with the process: from the threads of JAX glibc takes it back after every call, and getting it anew, page
 by page, costs a lone call of F with 128 nodes as much again as F itself. Within a compiled run F allocates nothing.
@@ -158,6 +158,8 @@ def draw(found) -> Figure:
 
 
 def main():
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     keep_freed_memory()
     found = run()
     for N, row in found["by size"].items():

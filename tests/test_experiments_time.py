@@ -104,7 +104,7 @@ def test_a_long_run_keeps_area_perimeter_and_spacing():
 
 @pytest.mark.parametrize("name", ["convergence", "stability"])
 def test_stored_numbers_keep_what_the_experiments_promise(name):
-    """No cell wrong but two after budding, which README.md names; POP at 1/500 of the first-order time; 1e-8 reached."""
+    """No cell wrong but two after budding that README.md names; POP at 1/500 of the first-order time; 1e-8 reached."""
     data = json.loads((HERE / "data" / f"{name}.json").read_text())["data"]
     if name == "stability":
         groups = [cells for group, cells in data.items() if group != "largest step"]
