@@ -4,7 +4,7 @@ r"""The frozen linear part of all shapes as one matrix, for steps while membrane
 
 as on a lone membrane, but with G the single layer of all membranes at all nodes. One block per membrane leaves to the
 explicit part what a film does to the bending of its two sides, and that is stiff: with 64 nodes and a gap of 0.031 a
-the explicit part grows at up to 2190 per t_κ, which forbids steps beyond 2.5e-3, and with more nodes beyond less;
+the explicit part grows at up to 2190 per t_κ, which forbids steps of 4e-3 (2e-3 holds), and with more nodes less;
 what this matrix leaves grows at up to 34. While no pair is near, the blocks do, for less.
 """
 
