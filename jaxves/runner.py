@@ -220,6 +220,8 @@ def _error(scene_file: SceneFile, begun: _Begun, progress: Progress) -> float | 
     if scene_file.numerics.tolerance is None or not scene_file.numerics.certify:
         return None
     writer = begun.rows.writer
+    if writer.saved < 2:  # ended at its start: nothing to compare
+        return None
     try:
         times, steps = _times(scene_file)[: writer.saved], int(begun.rows.state.steps)
         return estimated_error(begun.resolution, writer.row, times, steps, progress)
