@@ -34,16 +34,16 @@ def scene(
 
 
 def resolved(nodes, film: float, t_end: float, saves: int, *, turned: float = 270.0, **parameters) -> dict:
-    """The history of a pair, and its class: with the first of `nodes` that resolve the film until the class is known.
+    """The history of a pair, and its class: with the first of `nodes` that resolve it to the end, or else the last.
 
     Ends early once the class is known: in line with the gap below `film`, or turned by `turned` degrees. Where all
-    of them end as unresolved before that, the first goes on all the same, with "film" as its word.
+    end as unresolved and leave the class open, the first goes on all the same, with "film" as its word.
     """
     for N in nodes:
         found = history(scene(N=N, **parameters), t_end, saves, thinnest=film, turned=turned)
-        if found["word"] != "unresolved" or classified(found) != "open":
+        if found["word"] != "unresolved":
             break
-    else:
+    if found["word"] == "unresolved" and classified(found) == "open":
         N = nodes[0]
         going_on = Checks(film=np.inf)
         found = history(scene(N=N, **parameters), t_end, saves, thinnest=film, turned=turned, checks=going_on)

@@ -4,18 +4,21 @@
 
 β × G at Λ = 0.1 for Δ = 0.9, 0.8, 0.6, as the paper's figure: 7 × 7 cases each, then refined twice where the class
 changes, which gives the boundary of a 25 × 25 grid. A run ends when nothing moves any more, or with POP. Cases that 64
-nodes do not resolve are computed again with 128.
+nodes do not resolve are computed again with 128. At seven G the field β₀ that ends the class P is then sought by
+`jaxves.critical_field`, between the fields of the grid on both sides of it, and drawn as points.
 
 What to expect: P at small β, O at large G, POP between, with a critical β at G = 0 that grows as Δ falls. A vesicle
 at a boundary lingers: where it has not made up its mind by the end, it is called "open".
 """
 
 import dataclasses
+import time
 from itertools import pairwise
 
 import numpy as np
 
-from jaxves import status, sweepplot
+from jaxves import critical_field as critical
+from jaxves import scenefile, status, sweepplot
 
 from ._common import save, store
 from ._sweeps import TOY, listed, swept
@@ -58,32 +61,72 @@ def run(
     saves=120,
     folder=None,
 ):
-    """The record of the sweep, and by Δ: classes over the grid, how many cases were computed, β₀ at G = 0."""
-    wanted = tables(areas, beta, conductance, levels, nodes, t_end, saves)
-    record = swept(wanted, "phase_diagrams", folder)
-    seconds = [record.attributes["wall_time"]]
-    again = np.argwhere(record.status == "unresolved")
-    if len(again):
-        scene = wanted["scene"] | {"numerics": {"nodes": finer}}
-        fine = swept({"scene": scene, "cases": [record.at(tuple(i)) for i in again]}, "phase_diagrams_fine", folder)
-        record = replaced(record, tuple(again.T), fine)
-        seconds.append(fine.attributes["wall_time"])
-    strengths = record.coordinates["field.beta"][1]
-    found = {}
-    for i, area in enumerate(areas):
-        good = np.isin(record.status[i], list(status.SUCCESS))
-        at_rest = record.classes[i, :, 0]
+    """The records of the sweeps as one, and by Δ: classes over the grid, numbers of cases, seconds, β₀(G)."""
+    records, found = [], {}
+    for area in areas:
+        began = time.perf_counter()
+        wanted = tables([area], beta, conductance, levels, nodes, t_end, saves)
+        record = swept(wanted, f"phase_diagrams_{area}", folder)
+        again = np.argwhere(record.status == "unresolved")
+        if len(again):
+            scene = wanted["scene"] | {"numerics": {"nodes": finer}}
+            places = [record.at(tuple(i)) for i in again]
+            fine = swept({"scene": scene, "cases": places}, f"phase_diagrams_{area}_fine", folder)
+            record = replaced(record, tuple(again.T), fine)
+        seconds = time.perf_counter() - began
+        good = np.isin(record.status[0], list(status.SUCCESS))
+        computed = ~np.isin(record.status[0], ["skipped", "pending"])
+        brackets = boundary(record)
         found[area] = {
-            "cases": int(np.sum(~np.isin(record.status[i], ["skipped", "pending"]))),
-            "with finer nodes": int(np.sum(again[:, 0] == i)),
-            "without a result": int(np.sum(~good & ~np.isin(record.status[i], ["skipped", "pending"]))),
-            "open": int(np.sum(record.classes[i] == "open")),
-            "beta_0": bracket(strengths, at_rest),
-            "classes": listed(record.classes[i]),
-            "status": listed(record.status[i]),
+            "cases": int(np.sum(computed)),
+            "with finer nodes": len(again),
+            "without a result": int(np.sum(~good & computed)),
+            "open": int(np.sum(record.classes[0] == "open")),
+            "beta_0": brackets.get(0.0),
+            "critical": critical_fields(wanted["scene"], area, brackets),
+            "seconds": seconds,
+            "seconds with critical fields": time.perf_counter() - began,
+            "classes": listed(record.classes[0]),
+            "status": listed(record.status[0]),
         }
+        records.append(record)
+    record = joined(records)
     axes = {name: listed(values) for name, (_, values) in record.coordinates.items()}
-    return {"axes": axes, "by area": found, "seconds": seconds, "record": record}
+    return {"axes": axes, "by area": found, "record": record}
+
+
+def boundary(record) -> dict[float, list[float]]:
+    """{G: the greatest β that stays prolate, the least above it that does not}, where the grid has both."""
+    strengths, conductances = (record.coordinates[f"field.{name}"][1] for name in ("beta", "membrane_conductance"))
+    found = {float(G): bracket(strengths, record.classes[0, :, j]) for j, G in enumerate(conductances)}
+    return {G: pair for G, pair in found.items() if pair is not None}
+
+
+def critical_fields(scene, area, brackets, most=7) -> dict[float, float | str]:
+    """β₀ at up to `most` of the conductances of `brackets`, or why there is none."""
+    chosen = list(brackets)[:: -(-len(brackets) // most)] if brackets else []
+    found = {}
+    for G in chosen:
+        field = scene["field"] | {"membrane_conductance": G}
+        vesicle = [scene["vesicle"][0] | {"reduced_area": area}]
+        resolved = {"nodes": scene["numerics"]["nodes"], "tolerance": 1e-5}
+        whole = {"t_end": scene["t_end"], "saves": 2 * scene["saves"], "vesicle": vesicle, "field": field}
+        try:
+            setting = scenefile.parse(whole | {"numerics": resolved})
+            found[G] = critical.critical_field(setting, tuple(brackets[G]), tolerance=1e-4).beta
+        except critical.NoCriticalField as error:
+            found[G] = str(error)
+    return found
+
+
+def joined(records):
+    """The ends and classes of sweeps that differ in their Δ alone, as one record."""
+    first = records[0]
+    name = "vesicle.reduced_area"
+    dims, _ = first.coordinates[name]
+    areas = np.concatenate([record.coordinates[name][1] for record in records])
+    ends = {part: np.concatenate([getattr(record, part) for record in records]) for part in ("status", "classes")}
+    return dataclasses.replace(first, coordinates=first.coordinates | {name: (dims, areas)}, **ends)
 
 
 def replaced(record, places, other):
@@ -103,17 +146,22 @@ def bracket(strengths, classes) -> list[float] | None:
 
 
 def draw(found):
-    """One panel for each Δ."""
-    return sweepplot.phase_diagram(found["record"])
+    """One panel for each Δ, with the critical fields as points."""
+    figure = sweepplot.phase_diagram(found["record"])
+    for ax, row in zip(figure.axes, found["by area"].values(), strict=True):
+        known = {G: beta for G, beta in row["critical"].items() if not isinstance(beta, str)}
+        ax.plot(list(known.values()), list(known), "o", color="black", mfc="white", ms=3.5, mew=0.9, clip_on=False)
+    return figure
 
 
 def main():
     found = run()
-    print("Δ      cases  with finer nodes  without result  open  β₀ at G = 0 between")
+    print("Δ      cases  with finer nodes  without a result  open  β₀ at G = 0 between      s   s with critical fields")
     for area, row in found["by area"].items():
         counts = f"{row['cases']:5}  {row['with finer nodes']:16}  {row['without a result']:14}  {row['open']:4}"
-        print(f"{area:<5}  {counts}  {row['beta_0']}")
-    print(*(f"{seconds:.0f} s" for seconds in found["seconds"]))
+        print(f"{area:<5}  {counts}  {row['beta_0']}  {row['seconds']:.0f}  {row['seconds with critical fields']:.0f}")
+        for G, beta in row["critical"].items():
+            print(f"    G = {G:.3f}: β₀ = {beta if isinstance(beta, str) else f'{beta:.4f}'}")
     save(draw(found), "phase_diagrams")
     store("phase_diagrams", {name: value for name, value in found.items() if name != "record"})
 

@@ -195,7 +195,7 @@ def draw(found) -> Figure:
     panels[0].legend(fontsize=6)
     coupled = [row for row in rows if row["iterations"] > 0]
     panels[1].semilogx([row["M"] for row in coupled], [row["iterations"] for row in coupled], "o-", ms=3)
-    panels[1].set(title="GMRES iterations of one F", ylim=(0, None))
+    panels[1].set(title="GMRES iterations of one F", ylim=(0, 1 + max(row["iterations"] for row in rows)))
     panels[2].loglog(M, [row["planned"] / 2**20 for row in rows], "o-", ms=3, label="the compiled step")
     panels[2].loglog(M, [row["peak"] / 2**20 for row in rows], "s--", ms=3, color="0.6", label="the whole process")
     panels[2].set(title="memory, MiB")
@@ -229,7 +229,7 @@ def main():
     if wanted.row is not None:
         print(json.dumps(row(wanted.row, wanted.nodes)))
         return
-    found = run(tuple(wanted.sizes), wanted.nodes)
+    found = run(tuple(wanted.sizes), N=wanted.nodes)
     report(found)
     store("scale", found)
     save(draw(found), "scale")

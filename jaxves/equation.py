@@ -385,7 +385,7 @@ class Equation(eqx.Module):
             surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint
         )
         A_all = None
-        if self.coupling is not None and self.coupling.direct:
+        if self.coupling is not None and self.coupling.together:
             A_all = self._frozen_together(motion, constraint)
         A_V = None
         if self.scene.field is not None:

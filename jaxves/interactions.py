@@ -56,10 +56,12 @@ class AbstractInteractions(eqx.Module):
 class AbstractCoupling(eqx.Module):
     """How interactions are computed, and how the systems that couple all membranes are solved.
 
-    `direct`: by one dense factorisation of all MN unknowns, not by GMRES.
+    `direct`: by one dense factorisation of all MN unknowns, not by GMRES. `together`: the frozen part of all shapes is
+    one matrix while any are near (`jaxves.together`).
     """
 
     direct: eqx.AbstractVar[bool]
+    together: eqx.AbstractVar[bool]
 
     @abc.abstractmethod
     def between(self, curves: Curve, *, electric: bool) -> AbstractInteractions:
@@ -70,6 +72,7 @@ class Pairwise(AbstractCoupling):
     """Matrices of all ordered pairs: the fastest for few membranes, with memory that grows like (MN)²."""
 
     direct: bool = eqx.field(static=True)
+    together: bool = eqx.field(static=True, default=True)
 
     def between(self, curves: Curve, *, electric: bool) -> "PairMatrices":
         return PairMatrices.of(curves, electric=electric)

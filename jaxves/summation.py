@@ -22,6 +22,7 @@ from .potentials import far
 from .potentials.stokes import StokesBlocks
 
 _FEWEST = 16  # nodes of a rough sum
+_TOGETHER = 512  # unknowns of a surface quantity up to which one implicit matrix of all is worth its factors
 
 
 class MatrixFree(AbstractCoupling):
@@ -33,6 +34,7 @@ class MatrixFree(AbstractCoupling):
     neighbours: int = eqx.field(static=True, default=8)
     mesh: Mesh | None = eqx.field(static=True, default=None)
     direct = False
+    together = False
 
     def between(self, curves: Curve, *, electric: bool) -> "Summation":
         return Summation.of(curves, self, electric=electric)
@@ -117,4 +119,6 @@ def coupling_for(M: int, N: int, neighbours: int = 8) -> AbstractCoupling | None
     """
     if M == 1:
         return None
-    return Pairwise(direct=M * N <= 192) if M * N <= 1024 else MatrixFree(neighbours)
+    if M * N > 1024:
+        return MatrixFree(neighbours)
+    return Pairwise(direct=M * N <= 192, together=M * N <= _TOGETHER)
