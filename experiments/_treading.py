@@ -76,7 +76,7 @@ def _disturbances(equation: Equation, y: Unknowns):
 @eqx.filter_jit
 def _found(setting: Setting, y: Unknowns):
     scene = setting.scene(y.x.shape[1])
-    found = steady(scene, y, iterations=20)
+    found = steady(scene, y)
     return found, _disturbances(equation_for(scene), found.y)
 
 

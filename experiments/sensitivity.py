@@ -61,17 +61,27 @@ def _next(file, values, start):
     return steady(scene_of(file, values), start)
 
 
+def followed(file, y, before, values, longest=0.1):
+    """The steady shape at `values`, from that at `before`: in their logarithms no step is longer than `longest`."""
+    away = {name: np.log(values[name] / before[name]) for name in values}
+    steps = max(1, int(np.ceil(max(map(abs, away.values())) / longest)))
+    for i in range(1, steps + 1):
+        found = _next(file, {name: np.float64(before[name] * np.exp(away[name] * i / steps)) for name in values}, y)
+        y = found.y
+    return found
+
+
 def curve(file, start, name, places):
     """[μ], inclination and ∂[μ] in all numbers of `CENTRE` along `name`, from its central value outward."""
     quantities = ("effective_viscosity", "inclination")
     middle = int(np.argmin(np.abs(places - CENTRE[name])))
     rows = {}
     for order in (range(middle, len(places)), range(middle - 1, -1, -1)):
-        y = start
+        y, before = start, CENTRE
         for i in order:
             values = {key: np.float64(value) for key, value in (CENTRE | {name: places[i]}).items()}
-            found = _next(file, values, y)
-            y = found.y
+            found = followed(file, y, before, values)
+            y, before = found.y, values
             outputs, slopes = sensitivity.jacobian(sensitivity.at_rest(file, quantities, y), values)
             rows[i] = {
                 "value": float(places[i]),

@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 from scipy.stats import qmc
 
 from . import curve as geometry
-from . import fourier, transforms
+from . import fourier, status, transforms
 from .arrays import VesiclePoints, as_float
 from .curve import Curve
 from .marching import AbstractMarch, simulate
@@ -36,6 +36,7 @@ from .scenetables import SceneFile
 from .transforms import Box
 
 NORMAL_95 = 1.959964
+_BROKEN = 1e6  # deviations of an observation, of a run that broke down
 _LOOSE = 1.0  # half of a 95 % interval beyond which a combination of numbers counts as not determined
 
 
@@ -105,14 +106,16 @@ class Model(eqx.Module):
             if not observations.deviation.get(name, 0.0) > 0:
                 raise ValueError(f"observations.deviation: {name} is missing, expected a positive number.")
         directions = np.shape(observations.seen["radii"])[-1] if "radii" in observations.seen else 0
-        march = march_of(scene_file) if march is None else march
+        march = (march_of(scene_file) if march is None else march).forwards()
         return cls(scene_file, tuple(sorted(observations.seen)), directions, counts.pop(), observations.t_end, march)
 
     def __call__(self, values: Mapping[str, Array]) -> dict[str, Float[Array, "T ..."]]:
+        """NaN where the run does not reach its end."""
         result = simulate(scene_of(self.scene_file, values), self.t_end, saves=self.saves, march=self.march)
-        found = dict(result.diagnostics)
+        complete = result.status == status.COMPLETE
+        found = {name: jnp.where(complete, value, jnp.nan) for name, value in result.diagnostics.items()}
         if self.directions:
-            found["radii"] = jax.vmap(lambda x: radii(x, self.directions))(result.x)
+            found["radii"] = jnp.where(complete, jax.vmap(lambda x: radii(x, self.directions))(result.x), jnp.nan)
         for name in self.names:
             if name not in found:
                 raise ValueError(f"observations.seen: {name!r}, expected some of radii, {', '.join(sorted(found))}.")
@@ -136,10 +139,16 @@ def _residuals(z: Float[Array, "P"], args) -> Float[Array, "R"]:
     return jnp.concatenate([jnp.ravel((shown[name] - seen[name]) / deviation[name]) for name in model.names])
 
 
+def _finite_residuals(z: Float[Array, "P"], args) -> Float[Array, "R"]:
+    """Too large to be accepted where the run breaks down: the search then tries a smaller step."""
+    r = _residuals(z, args)
+    return jnp.where(jnp.all(jnp.isfinite(r)), r, _BROKEN)
+
+
 @eqx.filter_jit
 def _solve(z, args, tolerance: float, max_steps: int):
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-    solution = optx.least_squares(_residuals, solver, z, args, max_steps=max_steps, throw=False)
+    solution = optx.least_squares(_finite_residuals, solver, z, args, max_steps=max_steps, throw=False)
     return solution.value, solution.stats["num_steps"], solution.result == optx.RESULTS.successful
 
 

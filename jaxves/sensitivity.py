@@ -8,6 +8,7 @@ same compiled program with another direction, so that memory does not grow with 
     jacobian   ∂Q/∂p                    second_order   ∂²Q/∂p∂p'
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import equinox as eqx
@@ -46,6 +47,11 @@ class at_end(eqx.Module):
     t_end: float | None = eqx.field(static=True, default=None)  # the file's
     averaged: bool = eqx.field(static=True, default=False)
     march: AbstractMarch | None = eqx.field(default=None)  # the file's
+
+    def forwards(self) -> "at_end":
+        """The same for forward mode alone, whose steps need not be recorded."""
+        march = march_of(self.scene_file) if self.march is None else self.march
+        return dataclasses.replace(self, march=march.forwards())
 
     def __call__(self, values):
         file = self.scene_file
@@ -90,6 +96,7 @@ def unit(like, i: int):
 @eqx.filter_jit
 def pushed(outcome: Outcome, values, tangent):
     """(outputs, their derivative in the direction `tangent`)."""
+    outcome = outcome.forwards() if isinstance(outcome, at_end) else outcome
     return jax.jvp(outcome, (values,), (tangent,))
 
 
@@ -102,6 +109,8 @@ def pulled(outcome: Outcome, values, weights):
 
 @eqx.filter_jit
 def _curved(outcome: Outcome, values, first, second):
+    outcome = outcome.forwards() if isinstance(outcome, at_end) else outcome
+
     def slope(values):
         return jax.jvp(outcome, (values,), (first,))[1]
 

@@ -27,6 +27,8 @@ from .curve import Curve
 from .equation import Equation, Motion, Unknowns, equation_for
 from .scene import Scene
 
+_SETTLED = 1e-8  # last changes below this change nothing that matters
+_LOST = 10.0  # and above this nothing is found any more
 _LOOSE = 1e-9  # singular values below this, relative to the largest, belong to directions that nothing fixes
 
 
@@ -40,8 +42,8 @@ class Steady(eqx.Module):
 
     @property
     def converged(self) -> Array:
-        """Whether the last iteration changed nothing that matters; derivatives are worth nothing otherwise."""
-        return self.last_step < 1e-8
+        """Whether the last iteration changed nothing that matters; diagnostics are NaN otherwise."""
+        return self.last_step < _SETTLED
 
 
 def _along_outline(motion: Motion, y: Unknowns):
@@ -81,12 +83,13 @@ def _residual(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R
     return jnp.concatenate(parts)
 
 
-def steady(scene: Scene, start: Unknowns, *, iterations: int = 6) -> Steady:
+def steady(scene: Scene, start: Unknowns, *, most: int = 30) -> Steady:
     """The steady shape near `start`, of the area and perimeter of `scene.x`; field and flow as they are at t = 0.
 
     Pure: under `jit`, and differentiable once, in either mode and in whatever the scene depends on, at the cost of
     one linear solve (a second derivative would need that of the pseudo-inverse, which is taken as constant). `start`
-    has no derivative: take the end of a run. Stable or not, a nearby steady shape is found.
+    has no derivative: take the end of a run. Stable or not, a nearby steady shape is found; where Newton's method does
+    not converge, diagnostics are NaN.
 
     Raises:
         ValueError: the scene has several vesicles, which do not come to rest relative to each other in general.
@@ -102,15 +105,25 @@ def steady(scene: Scene, start: Unknowns, *, iterations: int = 6) -> Steady:
     def residual(equation, u):
         return _residual(equation, unflatten(u), anchor)
 
-    def newton(u, _):
-        # Each iteration starts from a constant: the derivative of the last one is the implicit one.
-        u = jax.lax.stop_gradient(u)
+    def newton(u):
         matrix = jax.jacfwd(lambda u: residual(fixed, u))(u)
         step = -jnp.linalg.pinv(matrix, rtol=_LOOSE) @ residual(equation, u)
         return u + step, jnp.max(jnp.abs(step))
 
-    u, changes = jax.lax.scan(newton, flat, length=iterations)
+    def unsettled(carry):
+        _, change, count = carry
+        return (change > 0.1 * _SETTLED) & (change < _LOST) & (count < most)
+
+    def iterate(carry):
+        u, _, count = carry
+        return *jax.lax.stop_gradient(newton(u)), count + 1
+
+    u, *_ = jax.lax.while_loop(unsettled, iterate, (flat, jnp.asarray(1.0), jnp.int32(1)))
+    # One more, from a constant: its derivative is the implicit one.
+    u, change = newton(jax.lax.stop_gradient(u))
     y = unflatten(u)
     found = diagnostics.diagnose(equation, jnp.zeros(()), y, equation.motion(jnp.zeros(()), y))
     left = jnp.max(jnp.abs(residual(fixed, jax.lax.stop_gradient(u))))
-    return Steady(y, found, left, jax.lax.stop_gradient(changes[-1]))
+    last = jax.lax.stop_gradient(change)
+    found = jax.tree.map(lambda value: jnp.where(last < _SETTLED, value, jnp.nan), found)
+    return Steady(y, found, left, last)

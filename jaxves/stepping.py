@@ -8,6 +8,7 @@ short, depends on the scene by way of error estimates only, and has no part in t
 """
 
 import abc
+import dataclasses
 
 import equinox as eqx
 import jax
@@ -133,6 +134,10 @@ class AbstractMarch(eqx.Module):
     def to(self, t_save: Scalar, journey: Journey, equation: Equation, stops: Array) -> Journey:
         """Steps until `t_save`, or the end of the run. `stops` are all instants, `t_save` included, to end steps at."""
 
+    def forwards(self) -> "AbstractMarch":
+        """The same for derivatives in forward mode alone, where those cost less."""
+        return self
+
     def finish(self, equation: Equation, y: Unknowns, frozen: Frozen) -> Unknowns:
         """Filter and, unless switched off, project."""
         return equation.project(y, frozen.constraint) if self.projection else equation.filtered(y)
@@ -196,6 +201,9 @@ class Adaptive(AbstractMarch):
     smallest: float = eqx.field(static=True, default=1e-11)
     max_steps: int = eqx.field(static=True, default=200_000)
     recorded: int | None = eqx.field(static=True, default=1024)
+
+    def forwards(self):
+        return dataclasses.replace(self, recorded=None)
 
     def first_step(self):
         return jnp.asarray(1e-4)
