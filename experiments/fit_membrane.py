@@ -72,8 +72,9 @@ def run(trajectories=20, N=48, saves=64, tolerance=1e-5, t_end=0.2, factor=3.0):
         }
         row["inside"] = {n: found.intervals[n][0] < value < found.intervals[n][1] for n, value in TRUTH.items()}
         out.append(row)
-        print(f"{seed:3} χ² {found.chi2:8.1f} of {found.observations}, {row['iterations']} steps{'' if row['converged'] else ' at most'}, {seconds:.0f} s,",
-              *(f"{SYMBOLS[n]} {v:.4g}" for n, v in found.values.items()), *found.loose, flush=True)  # fmt: skip
+        ended = f"{row['iterations']} steps{'' if row['converged'] else ' at most'}, {seconds:.0f} s"
+        values = (f"{SYMBOLS[n]} {v:.4g}" for n, v in found.values.items())
+        print(f"{seed:3} χ² {found.chi2:8.1f} of {found.observations}, {ended},", *values, *found.loose, flush=True)
     hits = {name: sum(row["inside"][name] for row in out) for name in TRUTH}
     return {"fits": out, "inside": hits, "exact": exact, "deviation": deviation}
 
