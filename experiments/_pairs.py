@@ -41,7 +41,7 @@ def resolved(nodes, film: float, t_end: float, saves: int, *, turned: float = 27
     end as unresolved and leave the class open, the first goes on all the same, with "film" as its word.
     """
     for N in nodes:
-        march = Adaptive(1e-4 if N == nodes[0] else 1e-6)
+        march = Adaptive(1e-4 if nodes[0] == N else 1e-6)
         found = history(scene(N=N, **parameters), t_end, saves, march=march, thinnest=film, turned=turned)
         if found["word"] != "unresolved":
             break
