@@ -158,7 +158,7 @@ def draw(found) -> Figure:
         if name == "field.conductivity_ratio":
             column[1].set(xscale="log")
     axes[0, 0].set(ylabel=r"$[\mu]$")
-    axes[1, 0].legend()
+    axes[1, -1].legend()
     return figure
 
 

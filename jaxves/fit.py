@@ -1,7 +1,8 @@
 r"""Numbers of a scene from what was observed: least squares, several starts, and what the answer is worth.
 
-With the model m(p), the observations d and their standard deviations s, χ² = Σ ((m - d)/s)² is minimised by Levenberg
-and Marquardt's method (optimistix) with forward derivatives: P unknowns cost P tangents of a run. About the minimum χ²
+With the model m(p), the observations d and their standard deviations s, χ² = Σ ((m - d)/s)² is minimised within bounds
+by a trust region (SciPy's `least_squares`, which takes a run that breaks down for too long a step) with forward
+derivatives: P unknowns cost P tangents of a run. About the minimum χ²
 is a paraboloid, whose curvature JᵀJ, with J = ∂(m/s)/∂p, gives covariances after Laplace: (JᵀJ)⁻¹. Where that has a
 long axis the observations do not tell the numbers apart, and the answer says along which combination.
 
@@ -20,8 +21,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
+from scipy.optimize import least_squares
 from scipy.stats import qmc
 
 from . import curve as geometry
@@ -36,7 +37,6 @@ from .scenetables import SceneFile
 from .transforms import Box
 
 NORMAL_95 = 1.959964
-_BROKEN = 1e6  # deviations of an observation, of a run that broke down
 _LOOSE = 1.0  # half of a 95 % interval beyond which a combination of numbers counts as not determined
 
 
@@ -133,34 +133,17 @@ def shown(model: Model, values: Mapping[str, float]) -> dict[str, Float[np.ndarr
     return {name: np.asarray(history) for name, history in found.items()}
 
 
-def _residuals(z: Float[Array, "P"], args) -> Float[Array, "R"]:
+@eqx.filter_jit
+def _linear(c: Float[Array, "P"], args) -> tuple[Float[Array, "R"], Float[Array, "R P"]]:
+    """Residuals and their Jacobian in the coordinates; NaN where the run breaks down."""
     model, inside, seen, deviation = args
-    shown = model(transforms.to_values(z, dict(inside)))
-    return jnp.concatenate([jnp.ravel((shown[name] - seen[name]) / deviation[name]) for name in model.names])
 
-
-def _finite_residuals(z: Float[Array, "P"], args) -> Float[Array, "R"]:
-    """Too large to be accepted where the run breaks down: the search then tries a smaller step."""
-    r = _residuals(z, args)
-    return jnp.where(jnp.all(jnp.isfinite(r)), r, _BROKEN)
-
-
-@eqx.filter_jit
-def _solve(z, args, tolerance: float, max_steps: int):
-    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-    solution = optx.least_squares(_finite_residuals, solver, z, args, max_steps=max_steps, throw=False)
-    return solution.value, solution.stats["num_steps"], solution.result == optx.RESULTS.successful
-
-
-@eqx.filter_jit
-def _linear(z, args):
-    """(residuals, their Jacobian)."""
-
-    def both(z):
-        r = _residuals(z, args)
+    def both(c):
+        shown = model(transforms.to_values(c, dict(inside)))
+        r = jnp.concatenate([jnp.ravel((shown[name] - seen[name]) / deviation[name]) for name in model.names])
         return r, r
 
-    jacobian, r = jax.jacfwd(both, has_aux=True)(z)
+    jacobian, r = jax.jacfwd(both, has_aux=True)(c)
     return r, jacobian
 
 
@@ -171,8 +154,11 @@ def starting_points(
     own = numbers(scene_file)
     points = [{name: own[name] for name in inside}]
     if count > 1:
-        spread = 4 * qmc.Sobol(len(inside), seed=seed).random(1 << (count - 2).bit_length())[: count - 1] - 2
-        points += [{n: float(v) for n, v in transforms.to_values(as_float(z), inside).items()} for z in spread]
+        spread = 0.1 + 0.8 * qmc.Sobol(len(inside), seed=seed).random(1 << (count - 2).bit_length())[: count - 1]
+        lower, upper = np.transpose([box.ends() for box in inside.values()])
+        for place in lower + (upper - lower) * spread:
+            values = transforms.to_values(as_float(place), inside)
+            points.append({name: float(value) for name, value in values.items()})
     return points
 
 
@@ -184,7 +170,7 @@ def fit(
     starts: int | Sequence[Mapping[str, float]] = 3,
     march: AbstractMarch | None = None,
     tolerance: float = 1e-5,
-    max_steps: int = 60,
+    max_steps: int = 100,
     checkpoint: str | Path | None = None,
     progress: Callable[[int, Start], None] = lambda i, start: None,
 ) -> Fit:
@@ -217,11 +203,34 @@ def fit(
 
 
 def _search(point, inside, args, tolerance, max_steps) -> Start:
-    z, iterations, converged = _solve(as_float(transforms.to_z(point, inside)), args, tolerance, max_steps)
-    r, _ = _linear(z, args)
-    chi2 = float(jnp.sum(r**2))
-    ended = {name: float(value) for name, value in transforms.to_values(z, inside).items()}
-    return Start(dict(point), ended, chi2, int(iterations), bool(converged) and math.isfinite(chi2))
+    first = transforms.to_coordinates(point, inside)
+    last = {}
+
+    def residuals(c):
+        last["r"], last["jacobian"] = map(np.asarray, _linear(as_float(c), args))
+        last["c"] = np.array(c)
+        return last["r"]
+
+    def jacobian(c):
+        if not np.array_equal(c, last["c"]):
+            residuals(c)
+        return last["jacobian"]
+
+    if not np.all(np.isfinite(residuals(first))):
+        return Start(dict(point), dict(point), math.inf, 1, False)
+    found = least_squares(
+        residuals,
+        first,
+        jacobian,
+        bounds=np.transpose([box.ends() for box in inside.values()]),
+        x_scale="jac",
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=None,
+        max_nfev=max_steps,
+    )
+    ended = {name: float(value) for name, value in transforms.to_values(as_float(found.x), inside).items()}
+    return Start(dict(point), ended, 2 * float(found.cost), int(found.nfev), found.status > 0)
 
 
 def _judged(starts: tuple[Start, ...], inside: Mapping[str, Box], args) -> Fit:
@@ -229,9 +238,9 @@ def _judged(starts: tuple[Start, ...], inside: Mapping[str, Box], args) -> Fit:
     if not finite:
         raise ValueError("starts: every run broke down, expected at least one that the scene can be simulated with.")
     best = min(finite, key=lambda start: start.chi2)
-    r, jacobian = _linear(as_float(transforms.to_z(best.ended, inside)), args)
-    to_coordinate, to_value = transforms.slopes(best.ended, inside)
-    fisher = np.asarray(jacobian) / to_coordinate
+    r, jacobian = _linear(as_float(transforms.to_coordinates(best.ended, inside)), args)
+    to_value = transforms.slopes(best.ended, inside)
+    fisher = np.array(jacobian)
     # What is round-off beside the others says nothing, and must not say it of combinations with them.
     said = np.max(np.abs(fisher), axis=0)
     fisher[:, said < 1e-9 * np.max(said)] = 0.0

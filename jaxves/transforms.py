@@ -1,16 +1,14 @@
-r"""Numbers in a box as unbounded unknowns, for least squares.
+r"""Numbers in a box as the coordinates that a search walks in, and that uncertainties are judged in.
 
-    u = lower + (upper - lower) / (1 + e^{-z}),     value = e^u where the box is positive, else u
+    c = log value where the box is positive, else the fraction of the box: (value - lower)/(upper - lower)
 
-A positive box is searched in its logarithm: factors count there, not differences. `coordinate` is what uncertainties
-are judged in: the logarithm, or else the fraction of the box.
+A positive box is searched in its logarithm: factors count there, not differences.
 """
 
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -28,8 +26,8 @@ class Box(NamedTuple):
         return self.lower > 0
 
     def ends(self) -> tuple[float, float]:
-        """Bounds of u."""
-        return (math.log(self.lower), math.log(self.upper)) if self.positive else (self.lower, self.upper)
+        """Bounds of the coordinate."""
+        return (math.log(self.lower), math.log(self.upper)) if self.positive else (0.0, 1.0)
 
 
 def boxes(bounds: Mapping[str, tuple[float, float]]) -> dict[str, Box]:
@@ -40,37 +38,23 @@ def boxes(bounds: Mapping[str, tuple[float, float]]) -> dict[str, Box]:
     return {name: Box(float(lower), float(upper)) for name, (lower, upper) in bounds.items()}
 
 
-def to_values(z: Float[Array, "P"], inside: Mapping[str, Box]) -> dict[str, Array]:
-    """The numbers that z stands for, in the order of `inside`."""
-    out = {}
-    for i, (name, box) in enumerate(inside.items()):
-        lower, upper = box.ends()
-        u = lower + (upper - lower) * jax.nn.sigmoid(z[i])
-        out[name] = jnp.exp(u) if box.positive else u
-    return out
+def to_values(c: Float[Array, "P"], inside: Mapping[str, Box]) -> dict[str, Array]:
+    """The numbers with these coordinates, in the order of `inside`."""
+    parts = zip(c, inside.items(), strict=True)
+    return {n: jnp.exp(c) if box.positive else box.lower + (box.upper - box.lower) * c for c, (n, box) in parts}
 
 
-def to_z(values: Mapping[str, float], inside: Mapping[str, Box]) -> Float[np.ndarray, "P"]:
+def to_coordinates(values: Mapping[str, float], inside: Mapping[str, Box]) -> Float[np.ndarray, "P"]:
     """Back. Raises ValueError for a value that is not inside its box."""
     out = []
     for name, box in inside.items():
-        lower, upper = box.ends()
-        if not box.lower < values[name] < box.upper:
-            raise ValueError(f"{name} = {values[name]}, expected a number inside ({box.lower}, {box.upper}).")
-        u = math.log(values[name]) if box.positive else values[name]
-        fraction = (u - lower) / (upper - lower)
-        out.append(math.log(fraction / (1 - fraction)))
+        value = values[name]
+        if not box.lower < value < box.upper:
+            raise ValueError(f"{name} = {value}, expected a number inside ({box.lower}, {box.upper}).")
+        out.append(math.log(value) if box.positive else (value - box.lower) / (box.upper - box.lower))
     return np.array(out)
 
 
-def slopes(values: Mapping[str, float], inside: Mapping[str, Box]) -> tuple[np.ndarray, np.ndarray]:
-    """(d coordinate/dz, d value/d coordinate) of every number."""
-    to_coordinate, to_value = [], []
-    for name, box in inside.items():
-        lower, upper = box.ends()
-        u = math.log(values[name]) if box.positive else values[name]
-        width = upper - lower
-        du_dz = (u - lower) * (upper - u) / width
-        to_coordinate.append(du_dz if box.positive else du_dz / width)
-        to_value.append(values[name] if box.positive else width)
-    return np.array(to_coordinate), np.array(to_value)
+def slopes(values: Mapping[str, float], inside: Mapping[str, Box]) -> Float[np.ndarray, "P"]:
+    """d value/d coordinate of every number."""
+    return np.array([values[name] if box.positive else box.upper - box.lower for name, box in inside.items()])
