@@ -4,8 +4,9 @@
 
 G = 4, β = 6.4, Ca = 10, Δ = 0.9, Λ = 0.1, as in the paper's rheology: the steady shape, from there along Λ, β and Δ
 with Newton's method alone, and at every point ∂[μ]/∂Λ, ∂[μ]/∂β, ∂[μ]/∂Δ from the implicit function theorem. Beside
-them the slopes of a spline through the computed curve. Then every number of scenes with one vesicle, in shear, and two,
-close to each other: forward against reverse mode against differences (`jaxves check-grad` prints that of any scene).
+them the slopes of a spline through the computed curve. Then every number of scenes with one vesicle, in shear, with two
+close to each other or far, of a symmetric shape along the field, of a circle and without field strength: forward
+against reverse mode against differences (`jaxves check-grad` prints that of any scene), and second derivatives.
 
 What to expect: slopes of the curves equal the derivatives to what a spline through so few points is worth; forward and
 reverse agree to 1e-8, forward and differences to 1e-6.
@@ -21,8 +22,8 @@ from scipy.interpolate import CubicSpline
 
 from jaxves import gradcheck, plot, sensitivity
 from jaxves.equation import Unknowns
-from jaxves.marching import Adaptive, simulate
-from jaxves.parameters import scene_of
+from jaxves.marching import Adaptive, Fixed, simulate
+from jaxves.parameters import numbers, scene_of
 from jaxves.scenefile import parse
 from jaxves.steady import steady
 
@@ -39,7 +40,18 @@ CLOSE = {"vesicle": [{"reduced_area": 0.9, "angle": 90.0}], "pair": {"separation
 ONE = {"vesicle": [{"reduced_area": 0.9, "angle": 80.0}]}
 FIELD = {"field": {"beta": 3.2, "conductivity_ratio": 0.1, "membrane_conductance": 0.5}}
 SHEAR = {"flow": {"kind": "shear", "capillary_number": 10.0}}
-SCENES = {"single": ONE | FIELD, "sheared": ONE | FIELD | SHEAR, "close pair": CLOSE | FIELD}
+FAR = {"vesicle": [{"reduced_area": 0.9, "angle": 90.0}], "pair": {"separation": 8.0, "offset_angle": 10.0}}
+SYMMETRIC = {"vesicle": [{"reduced_area": 0.9, "angle": 90.0}]}
+CIRCLE = {"vesicle": [{"reduced_area": 1.0}]}
+SCENES = {
+    "single": ONE | FIELD,
+    "sheared": ONE | FIELD | SHEAR,
+    "close pair": CLOSE | FIELD,
+    "far pair": FAR | FIELD,
+    "symmetric": SYMMETRIC | FIELD,
+    "circle in shear": CIRCLE | FIELD | SHEAR,
+    "no field strength": ONE | {"field": FIELD["field"] | {"beta": 0.0}},
+}
 QUICK = dict(along={"field.beta": np.linspace(5.6, 7.2, 3)}, N=32, t_end=0.5, scenes={})
 
 
@@ -106,11 +118,17 @@ def checked(tables, N=32, t_end=0.01, steps=10):
     """The worst deviations over all numbers and diagnostics of a scene."""
     file = parse({"t_end": 1.0, "numerics": {"nodes": N}, **tables})
     rows = list(gradcheck.check(file, t_end, steps))
+    outcome = sensitivity.at_end(file, gradcheck.quantities_of(file), t_end, march=Fixed(2))
+    # Δ has no derivative at a circle.
+    values = {n: np.float64(v) for n, v in numbers(file).items() if not (n.endswith("reduced_area") and v == 1)}
+    weights = jax.tree.map(lambda leaf: np.ones(leaf.shape), eqx.filter_eval_shape(outcome, values))
+    curved = sensitivity.hessian_product(outcome, values, weights, {name: np.float64(1.0) for name in values})
     return {
+        "second derivatives finite": bool(all(np.isfinite(value) for value in curved.values())),
         "numbers": len({row.number for row in rows}),
         "diagnostics": len({row.quantity for row in rows}),
-        "forward - reverse": max(row.modes for row in rows),
-        "forward - differences": max(row.deviation for row in rows),
+        "forward - reverse": float(np.nanmax([row.modes for row in rows])),
+        "forward - differences": float(np.nanmax([row.deviation for row in rows])),
         "verdicts": {verdict: sum(row.verdict == verdict for row in rows) for verdict in {r.verdict for r in rows}},
     }
 
