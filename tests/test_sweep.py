@@ -27,6 +27,7 @@ from jaxves.sweepfile import parse
 from jaxves.tables import SceneError
 
 BETA, CONDUCTANCE, AREA = "field.beta", "field.membrane_conductance", "vesicle.reduced_area"
+SHEAR = "flow.capillary_number"
 SCENE = {
     "t_end": 0.02,
     "saves": 4,
@@ -139,20 +140,31 @@ def test_show_and_plot_know_a_sweep_when_they_see_one(whole, tmp_path):
 # --- each case has its own end ------------------------------------------------------------------
 
 
-def test_poisoned_cases_are_flagged_and_no_other(whole, tmp_path):
-    """NaN, an impossible shape, a field beyond all steps; the rest as if they were not there."""
-    cases = [(1.0, 0.9), (math.nan, 0.9), (3.2, 0.9), (3.2, 1.2), (6.0, 0.9), (1e13, 0.9)]
-    tables = {"scene": SCENE, "cases": [{BETA: beta, AREA: area} for beta, area in cases]}
-    record = jaxves.sweep(tables, tmp_path / "out.h5", devices=1, batch=2)
-    good = [0, 2, 4]
-    assert [i for i in range(6) if record.status[i] == "complete"] == good
-    assert record.status[1] == record.status[3] == "refused"
-    assert "field.beta = nan" in record.reasons[1] and "(0, 1]" in record.reasons[3]
-    assert record.status[5] in ("step underflow", "not finite") and record.reasons[5]
-    assert np.all(record.classes[good] == "P") and np.all(record.classes[[1, 3, 5]] == "")
-    alone = sweepstore.load(whole).data["deformation_final"][:, 0]
-    np.testing.assert_allclose(record.data["deformation_final"][good], alone, rtol=1e-9)
-    assert np.isnan(record.data["deformation_final"][[1, 3]]).all()
+def test_poisoned_cases_are_flagged_and_no_other(tmp_path):
+    """NaN, an impossible shape, fields and flows beyond all steps; the rest as if they were not there."""
+    scene = SCENE | {
+        "saves": 1,
+        "vesicle": [{"reduced_area": 0.9}],
+        "pair": {"separation": 2.4, "offset_angle": 90.0},
+        "flow": {"kind": "extension", "capillary_number": 1.0},
+        "numerics": {"nodes": 24, "tolerance": 0.1},
+    }
+    places = [(1.0, 0.9, 1.0), (math.nan, 0.9, 1.0), (3.2, 0.9, 5.0), (3.2, 1.2, 1.0), (1.0, 0.9, 50.0),
+              (1e13, 0.9, 1.0), (1.0, 0.9, 1e4)]  # fmt: skip
+    cases = [dict(zip((BETA, AREA, SHEAR), place, strict=True)) for place in places]
+    good, nan, impossible, stiff, colliding = [0, 2, 4], 1, 3, 5, 6
+    record = jaxves.sweep({"scene": scene, "cases": cases}, tmp_path / "out.h5", devices=1, batch=2)
+    alone = jaxves.sweep({"scene": scene, "cases": [cases[i] for i in good]}, tmp_path / "alone.h5", devices=1, batch=2)
+    assert [i for i, word in enumerate(record.status) if word == "complete"] == good
+    assert record.status[nan] == record.status[impossible] == "refused"
+    assert "field.beta = nan" in record.reasons[nan] and "(0, 1]" in record.reasons[impossible]
+    assert record.status[stiff] in ("step underflow", "not finite") and record.reasons[stiff]
+    assert record.status[colliding] == "collision" and "crossed" in record.reasons[colliding]
+    bad = [nan, impossible, stiff, colliding]
+    assert np.all(record.classes[good] == alone.classes) and np.all(record.classes[bad] == "")
+    for name in ("deformation_final", "min_gap_final"):
+        np.testing.assert_array_equal(record.data[name][good], alone.data[name])
+        assert np.isnan(record.data[name][[nan, impossible]]).all()
 
 
 def test_cases_that_need_more_steps_get_them_in_a_second_pass_and_no_more_than_that(whole, tmp_path):
