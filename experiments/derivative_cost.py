@@ -7,7 +7,7 @@ A vesicle in a field, N = 64, differentiated with respect to β, Λ, G, χ and t
 counts, all threads together, which a busy machine disturbs least. Memory is counted twice: what the compiled program
 allocates, and by how much one call makes a process grow that has compiled it and does nothing else (Linux).
 
-What to expect: less than 2 for a direction, 2.8 where the steps are recorded for reverse mode, below 4 for the gradient,
+What to expect: less than 2 for a direction, 2.8 where steps are recorded for reverse mode, below 4 for the gradient,
 whatever the number of steps; memory grows by the states alone. `jaxves.sensitivity` and `jaxves.fit` record nothing
 where they go forwards.
 """
