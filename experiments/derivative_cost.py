@@ -131,9 +131,11 @@ def draw(found) -> Figure:
                 time.semilogx(
                     steps, [row["ratio"] for row in rows], style, color=f"C{i}", ms=3, label=f"{name}, {kind}"
                 )
-                memory.loglog(steps, [row["MB allocated"] for row in rows], style, color=f"C{i}", ms=3)
+                memory.semilogx(steps, [row["MB allocated"] for row in rows], style, color=f"C{i}", ms=3)
     time.set(xlabel="steps", ylabel="time / that of the run", ylim=(0, None))
-    memory.set(xlabel="steps", ylabel="memory allocated (MB)")
+    memory.set(xlabel="steps", ylabel="memory allocated (MB)", ylim=(0, None))
+    for axes in (time, memory):
+        axes.xaxis.set_minor_formatter("")
     time.legend(fontsize=6)
     return figure
 
