@@ -1,6 +1,6 @@
 """Can β, Λ, G and χ be told from how a vesicle deforms and charges, with one per cent of noise?
 
-    python -m experiments.fit_membrane          # a table and a figure, about ten minutes
+    python -m experiments.fit_membrane          # a table and a figure, four minutes
 
 A vesicle of Δ = 0.9 along a field. Its deformation and its largest transmembrane potential (which dyes show) are seen
 at 64 instants, with noise of one per cent of the largest value of each; the trajectories are made with twice the nodes

@@ -2,9 +2,9 @@ r"""Numbers of a scene from what was observed: least squares, several starts, an
 
 With the model m(p), the observations d and their standard deviations s, χ² = Σ ((m - d)/s)² is minimised within bounds
 by a trust region (SciPy's `least_squares`, which takes a run that breaks down for too long a step) with forward
-derivatives: P unknowns cost P tangents of a run. About the minimum χ²
-is a paraboloid, whose curvature JᵀJ, with J = ∂(m/s)/∂p, gives covariances after Laplace: (JᵀJ)⁻¹. Where that has a
-long axis the observations do not tell the numbers apart, and the answer says along which combination.
+derivatives: P unknowns cost P tangents of a run. About the minimum χ² is a paraboloid, whose curvature JᵀJ, with
+J = ∂(m/s)/∂p, gives covariances after Laplace: (JᵀJ)⁻¹. Where that has a long axis the observations do not tell the
+numbers apart, and the answer says along which combination.
 
     observed = {"deformation_along_field": D}, any diagnostics (T, …) at t_end k/T, k = 1 … T, and "radii" (T, M, K)
 """
@@ -207,9 +207,9 @@ def _search(point, inside, args, tolerance, max_steps) -> Start:
     last = {}
 
     def residuals(c):
-        last["r"], last["jacobian"] = map(np.asarray, _linear(as_float(c), args))
+        r, last["jacobian"] = map(np.asarray, _linear(as_float(c), args))
         last["c"] = np.array(c)
-        return last["r"]
+        return r
 
     def jacobian(c):
         if not np.array_equal(c, last["c"]):

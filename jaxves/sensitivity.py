@@ -93,10 +93,14 @@ def unit(like, i: int):
     return unflatten(jnp.zeros_like(flat).at[i].set(1.0))
 
 
+def _forwards(outcome: Outcome) -> Outcome:
+    return outcome.forwards() if isinstance(outcome, at_end) else outcome
+
+
 @eqx.filter_jit
 def pushed(outcome: Outcome, values, tangent):
     """(outputs, their derivative in the direction `tangent`)."""
-    outcome = outcome.forwards() if isinstance(outcome, at_end) else outcome
+    outcome = _forwards(outcome)
     return jax.jvp(outcome, (values,), (tangent,))
 
 
@@ -109,7 +113,7 @@ def pulled(outcome: Outcome, values, weights):
 
 @eqx.filter_jit
 def _curved(outcome: Outcome, values, first, second):
-    outcome = outcome.forwards() if isinstance(outcome, at_end) else outcome
+    outcome = _forwards(outcome)
 
     def slope(values):
         return jax.jvp(outcome, (values,), (first,))[1]

@@ -222,8 +222,8 @@ def test_bending_is_found_from_a_relaxation_and_a_place_that_nothing_tells_is_na
         fit.fit(file, {"vesicle.bending": (0.1, 9.0)}, observations, starts=1, march=march, checkpoint=kept)
 
 
-def test_a_search_steps_back_from_numbers_with_which_the_run_breaks_down():
-    """The first full step from 8 goes to where these few steps break down; a start out there leads nowhere."""
+def test_a_start_with_which_the_run_breaks_down_leads_nowhere_and_the_others_count():
+    """A tiny vesicle is too stiff for these few steps; from one twice too long the length is found."""
     file = parse(RELAXING | {"vesicle": [{"reduced_area": 0.9}]})
     march = Fixed(2)
     blank = fit.Observations(0.02, {"deformation": np.zeros((8, 1))}, {"deformation": 1e-4})
