@@ -75,7 +75,7 @@ def run(
             record = replaced(record, tuple(again.T), fine)
         seconds = time.perf_counter() - began
         good = np.isin(record.status[0], list(status.SUCCESS))
-        computed = ~np.isin(record.status[0], ["skipped", "pending"])
+        computed = ~np.isin(record.status[0], ["skipped", "pending", "again"])
         brackets = boundary(record)
         found[area] = {
             "cases": int(np.sum(computed)),

@@ -19,7 +19,7 @@ from . import diagnostics, refinement, status, sweepfile, sweepstore, team
 from .batches import METHODS, Batches, with_fixed_nodes
 from .hdf5 import StoreError
 from .sweepfile import Plan
-from .sweepstore import PENDING, SKIPPED, SweepRecord, SweepWriter, Variable
+from .sweepstore import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, SweepWriter, Variable
 from .sweeptables import SweepFile
 from .tables import SceneError
 
@@ -165,14 +165,13 @@ class _Sweep:
 
     def _due(self) -> _Due | None:
         known = sweepstore.progress(self.path)
-        self._done = int(np.sum(known.status != PENDING))
-        pending = known.status == PENDING
+        computed = ~np.isin(known.status, DUE)
+        self._done = int(np.sum(computed))
         first, second = self.plan.sweep_file.max_steps
-        if np.any(again := pending & (known.passes > 0)):
+        if np.any(again := known.status == AGAIN):
             due = _Due(np.flatnonzero(again), 2, second)
         else:
-            computed = ~pending
-            classes = np.full(pending.shape, "") if known.classes is None else known.classes
+            classes = np.full(computed.shape, "") if known.classes is None else known.classes
             shape = self.plan.shape
             fresh = refinement.wanted(classes.reshape(shape), computed.reshape(shape), self.plan.stride)
             due = _Due(np.flatnonzero(fresh), 1, first)
@@ -187,8 +186,7 @@ class _Sweep:
             codes = found.pop("status")
             words = [status.WORDS[int(code)] for code in codes]
             if due.passes == 1:
-                # Not the end of it: these stay pending for the second pass.
-                words = [PENDING if code == status.TOO_MANY_STEPS else w for w, code in zip(words, codes, strict=True)]
+                words = [AGAIN if code == status.TOO_MANY_STEPS else w for w, code in zip(words, codes, strict=True)]
             if "class" in found:
                 found["class"] = np.array(
                     [

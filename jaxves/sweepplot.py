@@ -15,7 +15,7 @@ from scipy.interpolate import NearestNDInterpolator
 
 from . import status
 from .plotstyle import COLUMN, INK, PAGE, STYLE, quantity_label, scale
-from .sweepstore import SKIPPED, SweepRecord
+from .sweepstore import DUE, SKIPPED, SweepRecord
 
 _COLORS = {"P": "#8fbfe0", "O": "#f0b27a", "POP": "#8ccfb5", "open": "0.85"}
 _MORE = ("#d9a5c7", "#e8d98a", "#b0b7e0", "#c9c9c9")
@@ -158,7 +158,7 @@ def _good(record: SweepRecord) -> np.ndarray:
 def _panels(record: SweepRecord, values: np.ndarray, draw) -> tuple[Figure, list[Axes]]:
     """One panel, or one for each value of the first of three axes; `draw(ax, x, y, values, good, computed)`."""
     names = list(record.coordinates)
-    good, computed = _good(record), ~np.isin(record.status, [SKIPPED, "pending"])
+    good, computed = _good(record), ~np.isin(record.status, [*DUE, SKIPPED])
     if len(names) < 2:
         raise ValueError(f"A map needs two axes, but this sweep has only {names[0]}.")
     if record.dims == ("case",):

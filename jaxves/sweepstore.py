@@ -2,8 +2,8 @@
 
 One dimension per axis with its values as coordinate (or one called "case"), netCDF's names and scales, so that xarray
 opens it. All space is allocated at the start. A case's values are flushed first; then its `/status` turns from
-"pending" into a word, which makes it count. `/passes` tells how many passes a case has been given: one that ran out
-of steps stays pending after the first.
+"pending" into a word, which makes it count: of two datasets, a sudden death could leave one new and one old. A case
+that ran out of steps in the first pass is called "again" until it has been given the second.
 
 Several processes write one such file each; the first of them merges them (`merge`).
 """
@@ -26,10 +26,12 @@ from .hdf5 import OpenFile, StoreError, named_errors, replacing
 from .sweepfile import Plan, to_toml
 
 SCHEMA_VERSION = 1
-PENDING, REFUSED, SKIPPED = "pending", "refused", "skipped"
+PENDING, AGAIN, REFUSED, SKIPPED = "pending", "again", "refused", "skipped"
+DUE = (PENDING, AGAIN)
 _WORD = "S16"
 _EXPLAINED = {
     PENDING: "not computed yet; continue with --resume",
+    AGAIN: "out of steps in the first pass, the second is to come; continue with --resume",
     SKIPPED: "between cases of one class: refinement did not ask for it",
 }
 
@@ -81,7 +83,7 @@ def class_word(codes: np.ndarray) -> str:
 
 def count_computed(words: np.ndarray) -> int:
     """How many of these cases have been computed, to whatever end."""
-    return int(np.sum(~np.isin(words, [PENDING, REFUSED, SKIPPED])))
+    return int(np.sum(~np.isin(words, [*DUE, REFUSED, SKIPPED])))
 
 
 def reason(word: str) -> str:
@@ -97,8 +99,6 @@ class SweepWriter(OpenFile):
         with named_errors("write", path):
             self._file = _open(path, "r+")
         self.status = self._file["status"][...].ravel()
-        self.passes = self._file["passes"][...].ravel()
-        self.classes = self._file["class"][...].ravel() if "class" in self._file else None
         self._shape = self._file["status"].shape
         self._names = [name for name in _datasets(self._file) if self._file[name].attrs.get("per_case")]
 
@@ -163,20 +163,17 @@ class SweepWriter(OpenFile):
     def write(self, cases: np.ndarray, words: list[str], passes: int, outcomes: dict[str, np.ndarray]) -> None:
         """Adds these cases, all or none of each; done when this returns. `outcomes` have the cases as first axis."""
         with named_errors("write", self.path):
-            done = np.array([word != PENDING for word in words])
+            done = np.array([word not in DUE for word in words])
             for first, last in _runs(cases, self._shape):
                 place = self._place(int(cases[first]), last - first)
+                self._file["passes"][place] = passes
                 if done[first:last].any():
                     for name, values in outcomes.items():
                         self._file[name][place] = values[first:last]
             self._file.flush()
-            self.passes[cases] = passes
             self.status[cases] = [word.encode() for word in words]
-            if self.classes is not None:
-                self.classes[cases] = outcomes["class"]
             for first, last in _runs(cases, self._shape):
                 place = self._place(int(cases[first]), last - first)
-                self._file["passes"][place] = self.passes[cases[first:last]]
                 self._file["status"][place] = self.status[cases[first:last]]
             self._file.flush()
 
@@ -191,7 +188,7 @@ class SweepWriter(OpenFile):
         """Takes over what another file of the same sweep has more."""
         with named_errors("read", other), _open(other, "r") as file:
             words, passes = file["status"][...].ravel(), file["passes"][...].ravel()
-            news = np.flatnonzero((passes > self.passes) & (self.status == PENDING.encode()))
+            news = np.flatnonzero(_progressed(words) > _progressed(self.status))
             # A few at a time: there may be more than memory holds.
             for part in np.array_split(news, max(1, len(news) // 64)):
                 places = [np.unravel_index(case, self._shape) for case in part]
@@ -214,6 +211,11 @@ class SweepWriter(OpenFile):
     def _place(self, case: int, count: int) -> tuple:
         *rows, column = np.unravel_index(case, self._shape)
         return (*rows, slice(int(column), int(column) + count))
+
+
+def _progressed(words: np.ndarray) -> np.ndarray:
+    """How far these cases have come: an order of their status."""
+    return np.where(words == PENDING.encode(), 0, np.where(words == AGAIN.encode(), 1, 2))
 
 
 def _runs(cases: np.ndarray, shape: tuple[int, ...]):
@@ -320,7 +322,6 @@ class Known(NamedTuple):
     """What of each case is in the file, in C order of the grid."""
 
     status: np.ndarray
-    passes: np.ndarray
     classes: np.ndarray | None
 
 
@@ -328,7 +329,7 @@ def progress(path: Path) -> Known:
     """How far the sweep has come; beside its writer."""
     with named_errors("read", path), _open(path, "r", locking=False) as file:
         classes = file["class"][...].astype(str).ravel() if "class" in file else None
-        return Known(file["status"][...].astype(str).ravel(), file["passes"][...].ravel(), classes)
+        return Known(file["status"][...].astype(str).ravel(), classes)
 
 
 def free_bytes(path: Path) -> int:

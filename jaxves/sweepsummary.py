@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from . import status
-from .sweepstore import SKIPPED, SweepRecord
+from .sweepstore import DUE, SKIPPED, SweepRecord
 
 _SHOWN = (
     "deformation_final",
@@ -47,7 +47,7 @@ def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
 
 def failures(record: SweepRecord) -> Iterator[str]:
     """A line for each case that has no good result, with its numbers and the reason, up to a limit."""
-    failed = np.argwhere(~np.isin(record.status, [*status.SUCCESS, SKIPPED, "pending"]))
+    failed = np.argwhere(~np.isin(record.status, [*status.SUCCESS, *DUE, SKIPPED]))
     for index in map(tuple, failed[:_LISTED].tolist()):
         numbers = ", ".join(f"{name} = {value:.6g}" for name, value in record.at(index).items())
         yield f"{numbers}: {record.status[index]}. {record.reasons[index]}".rstrip()

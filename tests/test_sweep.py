@@ -190,6 +190,19 @@ def test_a_class_that_is_waited_for_ends_a_case_early(tmp_path):
 # --- cut off, and gone on with ------------------------------------------------------------------
 
 
+def check_same(path, other):
+    """Names what differs, and how much of it: all bytes of both files would say nothing."""
+    found, wanted = stored(path), stored(other)
+    assert found.keys() == wanted.keys()
+    different = {}
+    with h5py.File(path) as one, h5py.File(other) as two:
+        for name in [name for name in found if found[name] != wanted[name]]:
+            a, b = one[name][()], two[name][()]
+            places = np.argwhere(a != b)
+            different[name] = [(tuple(map(int, i)), a[tuple(i)], b[tuple(i)]) for i in places[:4]]
+    assert different == {}
+
+
 class Counting:
     """Remembers how many cases were done at each call, and stops the sweep after so many."""
 
@@ -214,7 +227,7 @@ def test_an_interrupted_sweep_goes_on_where_it_was_with_the_same_bits(whole, tmp
     rest = Counting()
     jaxves.sweep(GRID, path, devices=1, batch=2, resume=True, progress=rest)
     assert rest.done[0] == 4 and rest.done[-1] == 6
-    assert stored(path) == stored(whole)
+    check_same(path, whole)
 
 
 @pytest.mark.parametrize("missing", [0, 2])
@@ -225,11 +238,10 @@ def test_the_command_says_how_many_cases_it_computed_and_how_many_were_there(who
     with h5py.File(path, "r+") as data:
         file.write_text(data["sweep"].asstr()[()])
         data["status"][-1, :missing] = b"pending"
-        data["passes"][-1, :missing] = 0
     with contextlib.redirect_stdout(io.StringIO()) as out:
         code = answer(["sweep", str(file), "--out", str(path), "--resume", "--devices", "1", "--batch", "2"])
     assert code == 0 and f"{missing} cases computed now, {6 - missing} were there" in out.getvalue()
-    assert stored(path) == stored(whole)
+    check_same(path, whole)
 
 
 def test_a_file_is_resumed_only_with_its_own_sweep_and_not_overwritten(whole, tmp_path):
@@ -310,7 +322,7 @@ def test_a_sweep_killed_at_any_moment_goes_on_and_ends_with_the_bits_of_a_whole_
     code, out, err = finished(start("killed.h5", "--devices", 1, "--resume"))
     assert code == 0, err
     assert f"{48 - acknowledged} cases computed now, {acknowledged} were there" in out
-    assert stored(killed) == stored(start.folder / "whole.h5")
+    check_same(killed, start.folder / "whole.h5")
 
 
 @pytest.mark.slow
@@ -326,7 +338,7 @@ def test_two_processes_share_a_sweep_and_give_the_bits_of_one(start):
     for process in both:
         code, _, err = finished(process)
         assert code == 0, err
-    assert stored(start.folder / "two.h5") == stored(whole)
+    check_same(start.folder / "two.h5", whole)
     assert not list(start.folder.glob("two.h5.*"))
 
 

@@ -39,16 +39,17 @@ def test_what_is_written_counts_at_once_and_nothing_else_does(tmp_path):
     assert record.reasons[1, 0] and not record.reasons[0, 1]
 
 
-def test_a_case_that_ran_out_of_steps_is_pending_with_one_pass(tmp_path):
+def test_a_case_that_ran_out_of_steps_is_to_run_again(tmp_path):
     with created(tmp_path / "a.h5") as writer:
-        writer.write(np.array([0, 1]), ["complete", "pending"], 1, outcomes([0, 1]))
-    known = sweepstore.progress(tmp_path / "a.h5")
-    assert known.status.tolist()[:3] == ["complete", "pending", "pending"]
-    assert known.passes.tolist()[:3] == [1, 1, 0]
+        writer.write(np.array([0, 1]), ["complete", "again"], 1, outcomes([0, 1]))
+    record = sweepstore.load(tmp_path / "a.h5")
+    assert record.status.ravel().tolist()[:3] == ["complete", "again", "pending"]
+    assert record.passes.ravel().tolist()[:3] == [1, 1, 0]
+    assert "second" in record.reasons[0, 1]
 
 
 def test_files_of_several_processes_come_together_as_if_one_had_written_all(tmp_path):
-    words = ["complete", "pending", "steady"]
+    words = ["complete", "again", "steady"]
     with created(tmp_path / "whole.h5") as writer:
         writer.write(np.array([0, 1, 2]), words, 1, outcomes([0, 1, 2]))
         writer.write(np.array([4, 5]), ["complete", "collision"], 1, outcomes([4, 5]))
