@@ -116,6 +116,7 @@ def spline_slopes(rows, name):
 
 def checked(tables, N=32, t_end=0.01, steps=10):
     """The worst deviations over all numbers and diagnostics of a scene."""
+    jax.clear_caches()  # the programs of all scenes together take more pieces of memory than Linux grants
     file = parse({"t_end": 1.0, "numerics": {"nodes": N}, **tables})
     rows = list(gradcheck.check(file, t_end, steps))
     outcome = sensitivity.at_end(file, gradcheck.quantities_of(file), t_end, march=Fixed(2))
