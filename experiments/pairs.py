@@ -29,7 +29,7 @@ def run(
     ratios=RATIOS,
     conductances=CONDUCTANCES,
     nodes=(64, 128),
-    ends={0.0: (8.0, 160), 0.1: (8.0, 160), 1.0: (400.0, 800), 10.0: (100.0, 200)},  # noqa: B006
+    ends={0.0: (8.0, 160), 0.1: (8.0, 160), 1.0: (800.0, 1600), 10.0: (100.0, 200)},  # noqa: B006
     special=(("aligned", 90.0, 3.2), ("side by side", 0.0, 2.0)),
     brief=(1.0, 20),
 ):
