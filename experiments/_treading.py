@@ -17,9 +17,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from jaxves import fourier, marching, shapes
-from jaxves.equation import Equation, Unknowns, equation_for
+from jaxves.equation import Equation, equation_for
 from jaxves.flow import Shear
 from jaxves.marching import Adaptive
+from jaxves.motion import Unknowns
 from jaxves.scene import Scene, dc_field, make_scene
 from jaxves.steady import steady
 

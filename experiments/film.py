@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 from experiments import _common, _pairs
 from jaxves import diagnostics, fourier, plot
 from jaxves.curve import Curve
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.marching import Checks
+from jaxves.motion import Unknowns
 
 GAPS = (0.4, 0.2, 0.1, 0.07, 0.05, 0.035, 0.025, 0.015)
 QUICK = dict(gaps=(1.0,), sizes=(32, 48), t_end=0.1, saves=2, start=32)

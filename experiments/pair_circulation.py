@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from experiments import _common, _pairs
 from jaxves import plot, plotstyle
 from jaxves.around import around
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
+from jaxves.motion import Unknowns
 
 INSTANTS = (3.0, 4.5, 5.5)
 QUICK = dict(instants=(0.25, 0.5), N=32, t_end=0.5, saves=4, resolution=8)

@@ -22,8 +22,9 @@ from matplotlib.figure import Figure
 from jaxves import curve as geometry
 from jaxves import fourier, phases, plot, status
 from jaxves.curve import Curve
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.marching import Adaptive
+from jaxves.motion import Unknowns
 
 from ._common import march, pop, save, store, styled
 

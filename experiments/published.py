@@ -32,8 +32,9 @@ from scipy.integrate import solve_bvp
 from jaxves import curve as geometry
 from jaxves import fourier, plot, shapes
 from jaxves.curve import Curve
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.marching import Adaptive, simulate
+from jaxves.motion import Unknowns
 from jaxves.scene import dc_field, make_scene
 
 from . import quasi_circular, shear

@@ -30,8 +30,9 @@ from jax.sharding import Mesh
 from matplotlib.figure import Figure
 
 from jaxves import fourier, plot, shapes
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.interactions import Pairwise
+from jaxves.motion import Unknowns
 from jaxves.scene import Scene, dc_field, make_scene
 from jaxves.steppers import ARK4
 from jaxves.summation import MatrixFree

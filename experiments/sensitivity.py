@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 
 from jaxves import gradcheck, plot, sensitivity
-from jaxves.equation import Unknowns
 from jaxves.marching import Adaptive, Fixed, simulate
+from jaxves.motion import Unknowns
 from jaxves.parameters import numbers, scene_of
 from jaxves.scenefile import parse
 from jaxves.steady import steady

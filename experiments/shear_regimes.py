@@ -25,9 +25,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxves import plot, shapes, status
-from jaxves.equation import Equation, Unknowns, equation_for
+from jaxves.equation import Equation, equation_for
 from jaxves.flow import Shear
 from jaxves.marching import Adaptive, Checks, Fixed, advance, initial_state, simulate
+from jaxves.motion import Unknowns
 from jaxves.scene import Scene, dc_field, make_scene
 
 from ._common import save, store, styled

@@ -19,7 +19,7 @@ import scipy.sparse.linalg
 from matplotlib.figure import Figure
 
 from jaxves import fourier, plot, shapes
-from jaxves.equation import TensionBlock
+from jaxves.inextensible import TensionBlock
 from jaxves.linear import GMRES, Dense, LinearOperator
 from jaxves.surface import Surfaces
 

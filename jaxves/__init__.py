@@ -41,8 +41,11 @@ _LAYERS = {
     "scene": ("Scene", "dc_field", "make_scene"),
     "krylov": (),
     "linear": ("GMRES", "Dense"),
-    "together": (),
-    "equation": ("Unknowns", "equation_for"),
+    "motion": ("Unknowns",),
+    "inextensible": (),
+    "frozen": (),
+    "implicit": (),
+    "equation": ("equation_for",),
     # many steps, and what they say
     "steppers": ("ARK4", "ARK5", "SemiImplicitEuler"),
     "diagnostics": (),

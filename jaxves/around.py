@@ -17,7 +17,8 @@ from jaxtyping import Array, Bool, Float, Int
 from . import fourier
 from .arrays import Points, ScalarLike, as_float
 from .curve import Curve
-from .equation import Equation, Unknowns
+from .equation import Equation
+from .motion import Unknowns
 from .potentials import far, near, near_stokes
 from .potentials.near import CloseGeometry
 

@@ -27,8 +27,8 @@ from scipy.optimize import brentq
 
 from . import phases, status
 from .arrays import ScalarLike, as_float
-from .equation import Unknowns
 from .marching import AbstractMarch, Checks, simulate
+from .motion import Unknowns
 from .parameters import numbers, scene_of, with_numbers
 from .problem import march_of, relaxed, starting_scene
 from .scene import Scene

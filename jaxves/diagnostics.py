@@ -23,8 +23,9 @@ from jaxtyping import Array
 from . import curve as geometry
 from . import fourier, membrane
 from .curve import Curve
-from .equation import Equation, Motion, Unknowns
+from .equation import Equation
 from .interactions import over_pairs
+from .motion import Motion, Unknowns
 from .scene import Scene
 
 

@@ -1,14 +1,10 @@
-r"""The equation of motion F(y) of y = (x, V_m), its frozen linear part A, and its constraints.
+r"""The equation of motion F(y) of y = (x, V_m), and its constraints.
 
     dx/dt   = v_∞ + S[f_hd],     f_hd = -κ_B x_ssss + (σ x_s)_s - f_el,     x_s · (dx/dt)_s = 0
     dV_m/dt = (Λ/(1+Λ) w - G V_m)/χ
 
-F eliminates the tension σ and the charge w by solving for them. A freezes geometry and tension at one
-instant, one block per membrane; with G the single layer, T σ = (σ x_s)_s, Q v = x_s·v_s:
-
-    A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q        A_V = (Λ/(1+Λ) (½ + S'η)⁻¹ D' - G)/χ
-
-While few membranes are near each other, A_x is one matrix of all instead (`together`).
+F eliminates the tension σ and the charge w by solving for them; what is found on the way is part of its linear part
+A (`frozen`).
 
 Spectral derivatives cannot see the Nyquist mode, so nothing would damp it: σ and V_m lose it, and x
 loses a band more, because a stretching pattern just below Nyquist is invisible to a σ without it.
@@ -25,41 +21,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from . import curve as geometry
-from . import electric, fourier, krylov, linear, membrane, status, together
-from .arrays import PerVesicle, Scalar, Status, VesicleNodes, VesiclePoints
+from . import electric, fourier, frozen, krylov, linear, membrane
+from .arrays import PerVesicle, Scalar, VesicleNodes, VesiclePoints
 from .curve import Curve
-from .electric import SurfaceFields
+from .implicit import Frozen
+from .inextensible import Constraint, stretch_response
 from .interactions import AbstractCoupling, AbstractInteractions, pair_frames
-from .potentials.stokes import StokesBlocks
+from .motion import Motion, Unknowns
 from .rigid import holding_force, nearest_circle, rigid_part
 from .scene import Scene
 from .summation import coupling_for
 from .surface import Surfaces
 
 _COUPLED = 1e-11  # true relative residual of the systems that couple membranes
-
-
-class Unknowns(eqx.Module):
-    """What evolves: nodes (M, N, 2), transmembrane potential (M, N), and running time integrals."""
-
-    x: VesiclePoints
-    V_m: VesicleNodes | None = None
-    integrals: dict[str, Array] | None = None
-
-
-class Motion(eqx.Module):
-    """Everything that holds at one instant, forces and fields included."""
-
-    surfaces: Surfaces
-    velocity: VesiclePoints
-    sigma: VesicleNodes
-    f_hd: VesiclePoints
-    f_el: VesiclePoints | None
-    V_rate: VesicleNodes | None
-    w: VesicleNodes | None
-    fields: SurfaceFields | None
-    residual: Scalar  # worst true relative residual of the linear solves; infinite when interactions are crowded
-    iterations: Array
 
 
 class Filter(eqx.Module):
@@ -72,51 +46,6 @@ class Filter(eqx.Module):
     def for_nodes(cls, N: int) -> "Filter":
         """max(2, N/16) from x, Nyquist alone from σ and V_m."""
         return cls(max(2, N // 16))
-
-
-def _remove_rows(matrix: Float[Array, "N k"], cut: int) -> Float[Array, "N k"]:
-    """Low-pass along the first axis, as a low-rank update."""
-    modes = fourier.high_modes(matrix.shape[0], cut)
-    return matrix - modes @ (modes.T @ matrix)
-
-
-class TensionBlock(eqx.Module):
-    """One membrane's response to its own tension: G T (2, N, N), and -|x_α| Q G T (N, N).
-
-    The second is symmetric and, with the modes of σ that are filtered pinned, positive definite.
-    """
-
-    spread: Float[Array, "2 N N"]
-    stiffness: Float[Array, "N N"]
-
-    @classmethod
-    def of(cls, curve: Curve, laplace_slp, stokes_slp, is_circle, cut: int) -> "TensionBlock":
-        """From the kernels of one membrane, whose weight |x_α| cancels that of ∂_s.
-
-        On a circle a uniform tension is a pressure and moves nothing: the gauge is mean σ = 0.
-        """
-        N = curve.speed.shape[0]
-        D = fourier.derivative_matrix(N)
-        xx, xy, log = stokes_slp.xx @ D, stokes_slp.xy @ D, laplace_slp @ D
-        # G_yy = S + const - G_xx, and ∂ leaves no mean: G_yy ∂ needs no product of its own.
-        yy = log - xx
-        tx, ty = curve.tangent[:, 0], curve.tangent[:, 1]
-        spread = jnp.stack([xx * tx + xy * ty, xy * tx + yy * ty])
-        stiffness = -(tx[:, None] * (D @ spread[0]) + ty[:, None] * (D @ spread[1]))
-        pins = fourier.high_modes(N, cut)
-        left = pins.T @ stiffness
-        stiffness = stiffness - pins @ left - left.T @ pins.T + pins @ (left @ pins + np.eye(pins.shape[1])) @ pins.T
-        return cls(spread, stiffness + jnp.where(is_circle, 1.0 / N, 0.0))
-
-
-def _stretch_response(velocity: StokesBlocks, target: Curve, source: Curve, cut: int) -> Float[Array, "N N"]:
-    """|x_α| Q S T from the tension of one membrane to the stretch of another, without the modes filtered from both."""
-    D = fourier.derivative_matrix(target.speed.shape[0])
-    d_ds = D / source.speed[:, None]
-    xx, xy, yy = velocity.xx @ d_ds, velocity.xy @ d_ds, velocity.yy @ d_ds
-    tx, ty = source.tangent[:, 0], source.tangent[:, 1]
-    rows = target.tangent[:, :1] * (D @ (xx * tx + xy * ty)) + target.tangent[:, 1:] * (D @ (xy * tx + yy * ty))
-    return _remove_rows(_remove_rows(rows, cut).T, cut).T
 
 
 def _solve_coupled(
@@ -156,59 +85,6 @@ def _assembled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"]) -> l
 
 def _crowded(surfaces: Surfaces) -> Array | None:
     return None if surfaces.interactions is None else surfaces.interactions.crowded
-
-
-def verdict(residual: Scalar) -> Status:
-    """RUNNING, or what the residual of a `Motion` says against it."""
-    code = jnp.where(residual < 1e-6, status.RUNNING, status.SOLVE_FAILED)
-    return jnp.where(jnp.isposinf(residual), status.CROWDED, code)
-
-
-class Constraint(eqx.Module):
-    """Inextensibility at one instant, per membrane: how tension moves it, and the factorised stretch it causes."""
-
-    spread: Float[Array, "M 2 N N"]
-    tension: linear.AbstractFactored
-
-
-class Frozen(eqx.Module):
-    """The linear part at one instant, with the constraint that projections use.
-
-    `A_all` replaces the blocks `A_x` while membranes are near; it is zero otherwise, and None where there never is one.
-    """
-
-    motion: Motion
-    constraint: Constraint
-    A_x: Float[Array, "M n n"]
-    A_all: Float[Array, "Mn Mn"] | None
-    A_V: Float[Array, "M N N"] | None
-
-    def implicit(self, c: Scalar) -> "Implicit":
-        """The factorised 1 - c A."""
-
-        def shifted(A):
-            return linear.factor_blocks(jnp.eye(A.shape[-1]) - c * A)
-
-        x = shifted(self.A_x)
-        if self.A_all is not None:
-            x = together.Shifted.of(self.motion.surfaces.interactions.any_near, x, self.A_all, c)
-        return Implicit(x, None if self.A_V is None else shifted(self.A_V))
-
-
-class Implicit(eqx.Module):
-    """1 - c A, ready to be solved with; the identity on running integrals."""
-
-    x: linear.AbstractFactoredDense | together.Shifted
-    V_m: linear.AbstractFactoredDense | None
-
-    def solve(self, r: Unknowns) -> Unknowns:
-        """(1 - c A)⁻¹ r."""
-        M, N, _ = r.x.shape
-        columns = jnp.swapaxes(r.x, 1, 2).reshape(M, 2 * N)
-        solve = self.x.solve if isinstance(self.x, together.Shifted) else functools.partial(linear.solve_blocks, self.x)
-        x = solve(columns)
-        V_m = None if self.V_m is None else linear.solve_blocks(self.V_m, r.V_m)
-        return Unknowns(jnp.swapaxes(x.reshape(M, 2, N), 1, 2), V_m, r.integrals)
 
 
 class Equation(eqx.Module):
@@ -252,10 +128,7 @@ class Equation(eqx.Module):
         return Unknowns(motion.velocity, motion.V_rate, integrals)
 
     def _constraint(self, surfaces: Surfaces) -> Constraint:
-        blocks = jax.vmap(lambda *parts: TensionBlock.of(*parts, self.filter.surface))(
-            surfaces.curves, surfaces.laplace_slp, surfaces.stokes_slp, self.is_circle()
-        )
-        return Constraint(blocks.spread, linear.factor_blocks(blocks.stiffness, positive_definite=True))
+        return Constraint.of(surfaces, self.is_circle(), self.filter.surface)
 
     def _motion(self, t: Scalar, y: Unknowns, *, factored: bool):
         """F, and the factorised parts that A and the constraints are made of (of the charge when `factored`)."""
@@ -336,7 +209,7 @@ class Equation(eqx.Module):
         across = surfaces.interactions
 
         def block(velocity, target, source):
-            return -_stretch_response(velocity, target, source, self.filter.surface)
+            return -stretch_response(velocity, target, source, self.filter.surface)
 
         coupled = across.scattered(jax.vmap(block)(across.velocity, *pair_frames(surfaces.curves)))
         return _assembled(constraint.tension.operator.matrix, coupled)
@@ -381,16 +254,15 @@ class Equation(eqx.Module):
         """A(y), together with F(y)."""
         motion, constraint, charge = self._motion(t, y, factored=True)
         surfaces = motion.surfaces
-        A_x = jax.vmap(self._frozen_shape)(
-            surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint
-        )
+        shape = functools.partial(frozen.frozen_shape, cut=self.filter.x, surface_cut=self.filter.surface)
+        A_x = jax.vmap(shape)(surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint)
         A_all = None
         if self.coupling is not None and self.coupling.together:
             A_all = self._frozen_together(motion, constraint)
         A_V = None
         if self.scene.field is not None:
             field = self.scene.field
-            A_V = jax.vmap(self._frozen_potential)(
+            A_V = jax.vmap(functools.partial(frozen.frozen_potential, surface_cut=self.filter.surface))(
                 surfaces.curves,
                 surfaces.laplace_slp,
                 charge,
@@ -407,42 +279,10 @@ class Equation(eqx.Module):
         def near():
             tension = self._assembled_tension(surfaces, constraint)
             cuts = dict(cut=self.filter.x, surface_cut=self.filter.surface)
-            return together.frozen_shapes(surfaces, tension, motion.sigma, self.scene.bending, **cuts)
+            return frozen.frozen_shapes(surfaces, tension, motion.sigma, self.scene.bending, **cuts)
 
         size = 2 * motion.sigma.size
         return jax.lax.cond(surfaces.interactions.any_near, near, lambda: jnp.zeros((size, size)))
-
-    def _frozen_shape(self, curve, stokes_slp, sigma, bending, constraint):
-        """A_x on one membrane, (2N, 2N); the metric is taken uniform, which the projection keeps it."""
-        N = sigma.shape[0]
-        D = fourier.derivative_matrix(N)
-        D_low = D @ fourier.low_pass_matrix(N, self.filter.x)
-        D4_low = D @ D @ D @ D_low
-        speed = jnp.mean(curve.speed)
-        K = (-bending / speed**4) * D4_low + (D * (sigma / speed**2)) @ D_low
-        K = speed * K
-        xx, xy, yy = stokes_slp.xx @ K, stokes_slp.xy @ K, stokes_slp.yy @ K
-        d_xx, d_xy, d_yy = D @ xx, D @ xy, D @ yy
-        tx, ty = curve.tangent[:, :1], curve.tangent[:, 1:]
-        stretch = jnp.concatenate([tx * d_xx + ty * d_xy, tx * d_xy + ty * d_yy], axis=1)
-        sigma_response = constraint.tension.solve_columns(_remove_rows(stretch, self.filter.surface))
-        rows = [
-            _remove_rows(row + part @ sigma_response, self.filter.x)
-            for row, part in zip(
-                [jnp.concatenate([xx, xy], 1), jnp.concatenate([xy, yy], 1)], constraint.spread, strict=True
-            )
-        ]
-        return jnp.concatenate(rows, axis=0)
-
-    def _frozen_potential(self, curve, laplace_slp, charge, share, conductance, chi):
-        """A_V on one membrane, (N, N)."""
-        N = curve.speed.shape[0]
-        D = fourier.derivative_matrix(N)
-        cut = self.filter.surface
-        # D · kernel · D over |x_α|, low-passed on the right by its constant factor
-        dlp_dn = (D @ (laplace_slp @ (D @ fourier.low_pass_matrix(N, cut)))) / curve.speed[:, None]
-        response = _remove_rows(share * charge.solve_columns(dlp_dn), cut)
-        return (response - conductance * fourier.low_pass_matrix(N, cut)) / chi
 
     # -- constraints --------------------------------------------------------------------------
 

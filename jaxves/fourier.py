@@ -118,6 +118,12 @@ def high_modes(N: int, cut: int) -> np.ndarray:
     return np.concatenate([pairs, ((-1.0) ** j)[:, None] / np.sqrt(N)], axis=1)
 
 
+def low_pass_rows(matrix: Float[Array, "N k"], cut: int) -> Float[Array, "N k"]:
+    """`low_pass` along the first axis of a wide matrix, as a low-rank update."""
+    modes = high_modes(matrix.shape[0], cut)
+    return matrix - modes @ (modes.T @ matrix)
+
+
 @functools.cache
 def resampling_matrix(N: int, K: int) -> np.ndarray:
     """The matrix (K, N) of `resample`."""

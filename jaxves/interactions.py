@@ -57,7 +57,7 @@ class AbstractCoupling(eqx.Module):
     """How interactions are computed, and how the systems that couple all membranes are solved.
 
     `direct`: by one dense factorisation of all MN unknowns, not by GMRES. `together`: the frozen part of all shapes is
-    one matrix while any are near (`jaxves.together`).
+    one matrix while any are near (`jaxves.frozen`).
     """
 
     direct: eqx.AbstractVar[bool]

@@ -14,8 +14,9 @@ from jaxtyping import Array, Float, Int
 from . import diagnostics, membrane, replay, status
 from .arrays import PerVesicle, Scalar, Status, as_float
 from .curve import Curve
-from .equation import Equation, Filter, Unknowns, equation_for, verdict
+from .equation import Equation, Filter, equation_for
 from .interactions import AbstractCoupling
+from .motion import Unknowns, verdict
 from .potentials import contact
 from .scene import Scene
 from .stepping import ROUGH, AbstractMarch, Adaptive, Fixed, Journey, State, Tape, Window, initial_state, turned

@@ -25,7 +25,8 @@ from matplotlib.figure import Figure
 
 from . import fourier, membrane
 from .around import around
-from .equation import Equation, Unknowns
+from .equation import Equation
+from .motion import Unknowns
 from .plotstyle import COLUMN, INK, PAGE, STYLE, SYMBOLS, component_label, quantity_label, scale, time_label
 
 _GRADIENTS = {"shear": ((0, 1), (0, 0)), "extension": ((1, 0), (0, -1))}

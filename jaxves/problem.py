@@ -17,10 +17,11 @@ from jaxtyping import Array, Float
 from . import curve, diagnostics, fourier, marching, status, steppers, store
 from .arrays import NodePoints, Status, VesiclePoints
 from .build import build
-from .equation import Equation, Filter, Unknowns, equation_for
+from .equation import Equation, Filter, equation_for
 from .interactions import AbstractCoupling, Pairwise
 from .linear import AbstractSolver, Dense
 from .marching import AbstractMarch, Adaptive, Checks, Fixed, State
+from .motion import Unknowns
 from .scene import Scene
 from .scenefile import parse
 from .scenetables import SceneFile

@@ -16,8 +16,9 @@ import equinox as eqx
 import numpy as np
 
 from . import fourier, marching, status
-from .equation import Equation, Filter, Unknowns
+from .equation import Equation, Filter
 from .marching import State
+from .motion import Unknowns
 from .problem import AUTO_NODES, Problem, awaited, strengthened
 from .scenetables import SceneFile
 

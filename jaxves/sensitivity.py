@@ -19,8 +19,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from .arrays import ScalarLike, as_float
-from .equation import Unknowns
 from .marching import AbstractMarch, simulate
+from .motion import Unknowns
 from .parameters import scene_of
 from .problem import march_of
 from .scenetables import SceneFile

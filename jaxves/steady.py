@@ -24,7 +24,8 @@ from . import curve as geometry
 from . import diagnostics, fourier
 from .arrays import Scalar
 from .curve import Curve
-from .equation import Equation, Motion, Unknowns, equation_for
+from .equation import Equation, equation_for
+from .motion import Motion, Unknowns
 from .scene import Scene
 
 _SETTLED = 1e-8  # last changes below this change nothing that matters

@@ -25,7 +25,9 @@ from . import curve as geometry
 from . import fourier, membrane, status
 from .arrays import PerVesicle, Scalar, as_float
 from .curve import Curve
-from .equation import Equation, Frozen, Motion, Unknowns, verdict
+from .equation import Equation
+from .implicit import Frozen
+from .motion import Motion, Unknowns, verdict
 from .steppers import ARK4, AbstractStepper
 
 _HIGHEST = 0.25  # of the modes that the filter of x leaves

@@ -9,8 +9,9 @@ import pytest
 from jaxves import shapes
 from jaxves.around import _closely, _Membrane, _widely, around
 from jaxves.curve import Curve
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.flow import Shear
+from jaxves.motion import Unknowns
 from jaxves.potentials import far
 from jaxves.scene import dc_field, make_scene
 

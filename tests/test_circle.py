@@ -8,9 +8,10 @@ from conftest import circle
 
 from jaxves import rigid
 from jaxves.curve import Curve
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.flow import Shear
 from jaxves.marching import Adaptive, simulate
+from jaxves.motion import Unknowns
 from jaxves.scene import dc_field, make_scene
 
 N = 32

@@ -9,9 +9,10 @@ import pytest
 
 from jaxves import fourier, status
 from jaxves.curve import Curve
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.lanes import greatest
 from jaxves.marching import Checks
+from jaxves.motion import Unknowns
 from jaxves.potentials import contact
 from jaxves.potentials.chords import Chords
 from jaxves.potentials.contact import SelfKernels, self_kernels

@@ -9,7 +9,8 @@ from conftest import circle, diagnosed, motion_of
 
 from jaxves import curve, electric, flow, fourier, membrane, shapes
 from jaxves.curve import Curve
-from jaxves.equation import Filter, Unknowns, equation_for
+from jaxves.equation import Filter, equation_for
+from jaxves.motion import Unknowns
 from jaxves.scene import dc_field, make_scene
 
 ELLIPSE = dict(N=64, reduced_area=0.9, angle=0.4)

@@ -9,8 +9,9 @@ from conftest import diagnosed, motion_of
 
 from jaxves import diagnostics, flow, fourier, interactions, shapes
 from jaxves.curve import Curve
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.marching import Adaptive, simulate
+from jaxves.motion import Unknowns
 from jaxves.scene import dc_field, make_scene
 
 REACH = 1.8996  # distance of the centers at which the two shapes of `pair` touch

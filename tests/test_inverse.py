@@ -10,8 +10,8 @@ import pytest
 
 from jaxves import critical_field, differences, fit, gradcheck, sensitivity, transforms
 from jaxves.cli import answer
-from jaxves.equation import Unknowns
 from jaxves.marching import Fixed
+from jaxves.motion import Unknowns
 from jaxves.parameters import scene_of
 from jaxves.scenefile import parse
 from jaxves.steady import steady

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jaxves import diagnostics, fourier, marching, shapes, status
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
+from jaxves.motion import Unknowns
 from jaxves.scene import dc_field, make_scene
 
 DIRECTION = np.array([0.6, 0.8])

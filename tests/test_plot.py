@@ -13,7 +13,8 @@ from matplotlib.text import Annotation
 
 from jaxves import plot, shapes
 from jaxves.around import around
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
+from jaxves.motion import Unknowns
 from jaxves.scene import dc_field, make_scene
 
 T, N = 7, 32

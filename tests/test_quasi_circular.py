@@ -7,8 +7,9 @@ import pytest
 
 from experiments import quasi_circular as q
 from jaxves import shapes
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.flow import Shear
+from jaxves.motion import Unknowns
 from jaxves.scene import dc_field, make_scene
 
 NUMBERS = q.Numbers(beta=2.0, ratio=0.3, conductance=0.2, shear=3.0, direction=1.2)

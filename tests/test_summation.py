@@ -12,9 +12,10 @@ import pytest
 
 from jaxves import interactions, krylov, shapes
 from jaxves.curve import Curve
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
 from jaxves.interactions import Pairwise
 from jaxves.marching import Adaptive, Fixed, simulate
+from jaxves.motion import Unknowns
 from jaxves.neighbours import NearPairs
 from jaxves.scene import dc_field, make_scene
 from jaxves.summation import MatrixFree, coupling_for

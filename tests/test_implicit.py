@@ -7,9 +7,10 @@ import numpy as np
 import scipy.linalg
 
 from jaxves import fourier, linear, shapes
-from jaxves.equation import Unknowns, equation_for
+from jaxves.equation import equation_for
+from jaxves.implicit import Shifted
+from jaxves.motion import Unknowns
 from jaxves.scene import dc_field, make_scene
-from jaxves.together import Shifted
 
 N = 48
 
@@ -75,7 +76,7 @@ def test_derivatives_hold_on_both_sides_of_the_branch():
     def solved(near, c):
         # as `freeze` makes it: zero while nothing is near
         all_ = jnp.where(near, A, jnp.zeros((8, 8)))
-        return jnp.sum(Shifted.of(near, blocks, all_, c).solve(b) ** 2)
+        return jnp.sum(Shifted.of(blocks, all_, c, near).solve(b) ** 2)
 
     near, c = jnp.array([True, False]), jnp.array([0.3, 0.3])
     slope = jax.jit(jax.grad(lambda c: jnp.sum(jax.vmap(solved)(near, c))))(c)
