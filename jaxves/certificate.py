@@ -2,7 +2,7 @@
 
 Every link is the error, at worst over all saved times and vesicles, of something known: of one step against the
 embedded method, of the finest modes against the coarsest, of a conserved quantity, of a balance. Digits are
--log₁₀ of it; a chain is as strong as its weakest link. Only the link "run", from a second run with ten times the
+-log₁₀ of it; a chain is as strong as its weakest link. Only the link "run", from a second run with another
 tolerance, sees how a scene amplifies errors: where close starts part from each other, so does the computed history
 from the true one, and digits are lost at that rate.
 

@@ -87,8 +87,8 @@ class Resolution:
         self._problems = {problem.equation.scene.x.shape[1]: problem}
         self.first = problem
 
-    def looser(self, factor: float) -> "Resolution":
-        """The same run with a tolerance `factor` times as large; compiled programs are shared."""
+    def with_tolerance(self, factor: float) -> "Resolution":
+        """The same run with `factor` times its tolerance; compiled programs are shared."""
         first = eqx.tree_at(lambda p: p.march.tolerance, self.first, factor * self.first.march.tolerance)
         return Resolution(strengthened(first), self.sizes, self.limit)
 
@@ -105,7 +105,8 @@ class Resolution:
         state, row = awaited(_march(problem, state, np.asarray(t_save)))
         row = {name: np.asarray(value) for name, value in row.items()}
         there = ~np.isnan(row["t"])
-        return state, {name: value[there] for name, value in row.items()}
+        row = {name: value[there] for name, value in row.items()}
+        return state, row | {"steps": np.full(len(row["t"]), int(state.steps))}
 
     def stored(self, row: Row) -> Row:
         """The row with the number of nodes that all rows have, and the number that was used."""

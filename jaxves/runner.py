@@ -223,8 +223,7 @@ def _error(scene_file: SceneFile, begun: _Begun, progress: Progress) -> float | 
     if writer.saved < 2:  # ended at its start: nothing to compare
         return None
     try:
-        times, steps = _times(scene_file)[: writer.saved], int(begun.rows.state.steps)
-        return estimated_error(begun.resolution, writer.row, times, steps, progress)
+        return estimated_error(begun.resolution, writer.row, _times(scene_file)[: writer.saved], progress)
     except KeyboardInterrupt:  # the run itself is complete
         return np.nan
 

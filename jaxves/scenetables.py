@@ -160,8 +160,9 @@ class NumericsTable(Table):
     membranes unless they are near, "auto" goes by size. `neighbours` is the room for near pairs without matrices, per
     vesicle on average; a run in need of more ends as "crowded".
 
-    `certify` makes the run once more with ten times the tolerance, which takes about six tenths of its time, to learn
-    the error of the whole; there is no such estimate for a fixed `time_step`.
+    `certify` makes the run once more with ten times the tolerance, which takes about six tenths of its time, or, where
+    that needs as many steps, with a thirtieth, to learn the error of the whole; there is no such estimate for a fixed
+    `time_step`.
     """
 
     nodes: NodeCount = 64

@@ -49,6 +49,7 @@ HISTORY = {
     "V_m": Description("a E_inf", "transmembrane potential", ("t", "vesicle", "node")),
     "tension": Description("kappa_B/a^2", "membrane tension", ("t", "vesicle", "node")),
     "nodes": Description("1", "nodes used in the computation", ("t", "vesicle"), int),
+    "steps": Description("1", "accepted steps until then", ("t",), int),
 }
 
 
@@ -56,7 +57,8 @@ HISTORY = {
 class Record:
     """What a result file says; arrays have the saved times as their first axis, `averages` has none.
 
-    `t` (T,), `x` (T, M, N, 2), `V_m` (T, M, N) or None without a field, `tension` (T, M, N), `nodes` (T, M).
+    `t` (T,), `x` (T, M, N, 2), `V_m` (T, M, N) or None without a field, `tension` (T, M, N), `nodes` (T, M),
+    `steps` (T,).
     """
 
     t: np.ndarray
@@ -64,6 +66,7 @@ class Record:
     V_m: np.ndarray | None
     tension: np.ndarray
     nodes: np.ndarray
+    steps: np.ndarray
     diagnostics: dict[str, np.ndarray]
     averages: dict[str, np.ndarray] | None
     attributes: dict
@@ -172,8 +175,8 @@ class Writer(OpenFile):
         }
 
     def row(self, i: int) -> dict[str, np.ndarray]:
-        """Positions and potentials of one saved time."""
-        return {name: self._rows[name][i] for name in ("x", "V_m") if name in self._rows}
+        """Positions, potentials and accepted steps of one saved time."""
+        return {name: self._rows[name][i] for name in ("x", "V_m", "steps") if name in self._rows}
 
     def finish(
         self,

@@ -70,7 +70,7 @@ def _error_of_run(record: Record) -> str:
     """In units of the tolerance: how the scene amplifies the errors of its steps."""
     error, tolerance = record.attributes["error"], tomllib.loads(record.scene)["numerics"]["tolerance"]
     if np.isnan(error):
-        return "error of the whole run: not known, a second one with ten times the tolerance does not tell"
+        return "error of the whole run: not known, other tolerances do not tell: their steps are as many"
     text = f"error of the whole run: about {error:.1e}, {error / tolerance:.2g} times the tolerance"
     return text + ("; the scene amplifies the errors of its steps" if error > 10 * tolerance else "")
 

@@ -51,5 +51,5 @@ tolerance = 1e-4             # of the error in time
 method = "ark4"              # or "ark5" for tight tolerances, or "euler", the paper's, with a time_step
 # solver = "auto"            # of what couples vesicles: "dense", "matrix-free", or by size
 # neighbours = 8             # room for near pairs where no matrices are kept, per vesicle
-# certify = true             # run once more with ten times the tolerance, to estimate the error of the whole
+# certify = true             # run once more with another tolerance, to estimate the error of the whole
 """
