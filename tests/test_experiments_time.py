@@ -104,12 +104,12 @@ def test_a_long_run_keeps_area_perimeter_and_spacing():
 
 @pytest.mark.parametrize("name", ["convergence", "stability"])
 def test_stored_numbers_keep_what_the_experiments_promise(name):
-    """No cell wrong but two after budding that README.md names; POP at 1/500 of the first-order time; 1e-8 reached."""
+    """No cell wrong but one after budding that README.md names; POP at 1/500 of the first-order time; 1e-8 reached."""
     data = json.loads((HERE / "data" / f"{name}.json").read_text())["data"]
     if name == "stability":
         groups = [cells for group, cells in data.items() if group != "largest step"]
         wrong = {label for cells in groups for label, cell in cells.items() if cell["verdict"] == "wrong"}
-        assert wrong <= {"Δ=0.5 β=16 N=256", "Δ=0.5 χ=0.01 β=100 N=512"}
+        assert wrong <= {"Δ=0.5 χ=0.01 β=100 N=512"}
         return
     tables = data["POP"]["nodes"]["64"]
     euler, _ = convergence.seconds_for(tables["Euler"], 1e-4)
