@@ -339,8 +339,9 @@ def _excess(equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
     def highest(f):
         return jnp.max(jnp.abs(f - fourier.low_pass(f, cut, axis=1)))
 
-    pairs = zip(jax.tree.leaves((error.x, error.V_m)), jax.tree.leaves((y.x, y.V_m)), strict=True)
-    return lax.stop_gradient(jnp.max(jnp.stack([highest(e) - _PART * highest(f) for e, f in pairs])))
+    parts = lax.stop_gradient(((error.x, error.V_m), (y.x, y.V_m)))
+    pairs = zip(*map(jax.tree.leaves, parts), strict=True)
+    return jnp.max(jnp.stack([highest(e) - _PART * highest(f) for e, f in pairs]))
 
 
 def _accepted(state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Unknowns, error: Scalar | None) -> State:
