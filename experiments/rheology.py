@@ -7,8 +7,9 @@ reduced areas; then [μ] over β, Δ and Ca at Λ = 0.1. Runs from an ellipse at
 end, and its last [μ] is that of its last fifth.
 
 What to expect: inclination rises with Λ, and [μ] but for a few per cent at small Λ; vesicles of low Δ tread backwards
-where Λ is small. Where both are small, treading is unstable: a run lingers at a steady state, and leaves it. The growth
-of what disturbs three such states is told besides. Near Δ = 1 the viscosity forgets β and Ca.
+where Λ is small. Steps at the edge of stability leave noise of 5e-4 at most in [μ]. Where both are small, treading is
+unstable: a run lingers at a steady state, and leaves it. The growth of what disturbs three such states is told besides.
+Near Δ = 1 the viscosity forgets β and Ca.
 """
 
 import numpy as np
@@ -26,7 +27,7 @@ AREAS = {64: (0.7, 0.8, 0.9), 96: (0.5, 0.6)}  # by number of nodes
 DEFLATED = (0.6, 0.65, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
 STRENGTHS = tuple(float(beta) for beta in np.linspace(0, 9.6, 7))
 DISTURBED = ((0.6, 0.1), (0.7, RATIOS[2]), (0.7, 0.1))
-SETTLED = 1e-4  # relative difference between [μ] at the end and its average
+SETTLED = 1e-3  # relative difference between [μ] at the end and its average: twice the noise at tolerance 1e-5
 QUICK = dict(
     areas={32: (0.9,)}, ratios=(0.1, 1.0), over=((0.9,), (0.0, 6.4), (10.0,)), nodes=32, disturbed=(), folder=TOY,
 )  # fmt: skip
