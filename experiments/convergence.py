@@ -71,8 +71,8 @@ def _tolerances(*last):
 PLAN = {
     "POP": {
         64: {"Euler": (500, 1000, 2000)} | _tolerances(5, 6, 7, 7),
-        96: _tolerances(None, None, 6, 8),
-        256: {"ARK5": (1e-4, 1e-7)},
+        96: _tolerances(None, None, 6, 9),
+        256: {"ARK4": (1e-4,), "ARK5": (1e-7,)},
     },
     "budding": {
         128: {"Euler": (1000, 2000)} | _tolerances(4, 5, 6, 6),
