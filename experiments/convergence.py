@@ -25,6 +25,7 @@ import time
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from jaxves import fourier, plot, shapes, status
 from jaxves.curve import Curve
@@ -39,6 +40,7 @@ from ._schemes import ARK2, ARK3, Even
 SCHEMES = {"Euler": SemiImplicitEuler(), "ARK2": ARK2(), "ARK3": ARK3(), "ARK4": ARK4(), "ARK5": ARK5()}
 RATES = {"Euler": 1, "ARK2": 3, "ARK3": 4, "ARK4": 6, "ARK5": 8}  # a step
 PARTS = ("shape", "V_m", "tension")
+MARKERS = {32: "x", 64: "o", 96: "s", 128: "v", 192: "D", 256: "^"}  # by nodes
 _ALL = Checks(tail=np.inf, drift=np.inf)  # judged here by their error alone
 
 
@@ -210,21 +212,28 @@ def tolerances(table):
 @styled
 def draw(found) -> Figure:
     """A panel a scene: error of the shape against seconds."""
-    figure = Figure(figsize=(plot.PAGE, 2.4))
+    figure = Figure(figsize=(plot.PAGE, 2.9))
     panels = np.atleast_1d(figure.subplots(1, len(found), sharey=True))
     for axes, (name, scene) in zip(panels, found.items(), strict=True):
-        for N, marker in zip(scene["nodes"], "os^", strict=False):
-            for scheme, table in scene["nodes"][N].items():
-                color = f"C{list(SCHEMES).index(scheme)}"
-                axes.loglog(table["seconds"], table["shape"], f"-{marker}", color=color, ms=3, label=f"{scheme}, {N}")
+        for N, tables in scene["nodes"].items():
+            for scheme, table in tables.items():
+                axes.loglog(table["seconds"], table["shape"], f"-{MARKERS[int(N)]}", color=_color(scheme), ms=3)
         axes.set(title=name, xlabel="seconds")
         low, high = axes.get_xlim()
-        ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= tick <= high]
+        digits = (1,) if high > 50 * low else (1, 3) if high > 5 * low else (1, 2, 3, 5)
+        ticks = [digit * 10.0**k for k in range(-2, 3) for digit in digits if low <= digit * 10.0**k <= high]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
-        axes.legend(fontsize=5)
     panels[0].set_ylabel("largest error of the shape")
+    used = {int(N) for scene in found.values() for N in scene["nodes"]}
+    lines = [Line2D([], [], color=_color(scheme), label=scheme) for scheme in SCHEMES]
+    lines += [Line2D([], [], color="0.4", ls="", marker=MARKERS[N], ms=3, label=f"{N} nodes") for N in sorted(used)]
+    figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), columnspacing=1.2, handlelength=1.2)
     return figure
+
+
+def _color(scheme):
+    return f"C{list(SCHEMES).index(scheme)}"
 
 
 def report(found) -> None:
@@ -264,6 +273,7 @@ def main(names):
     for name in names or SCENES:
         found |= run({name: PLAN[name]})
         store("convergence", found)
+    found = {name: found[name] for name in SCENES if name in found}
     report(found)
     save(draw(found), "convergence")
 
