@@ -121,7 +121,7 @@ def _kilobytes(what: str) -> int:
 @styled
 def draw(found) -> Figure:
     """Ratios and allocated memory against the number of steps."""
-    figure = Figure(figsize=(plot.PAGE, 2.3))
+    figure = Figure(figsize=(plot.PAGE, 2.7))
     time, memory = figure.subplots(1, 2)
     for i, (kind, tables) in enumerate(found.items()):
         steps = [table["steps"] for table in tables.values()]
@@ -134,9 +134,11 @@ def draw(found) -> Figure:
                 memory.semilogx(steps, [row["MB allocated"] for row in rows], style, color=f"C{i}", ms=3)
     time.set(xlabel="steps", ylabel="time / that of the run", ylim=(0, None))
     memory.set(xlabel="steps", ylabel="memory allocated (MB)", ylim=(0, None))
+    ticks = sorted({int(asked) for tables in found.values() for asked in tables})
     for axes in (time, memory):
-        axes.xaxis.set_minor_formatter("")
-    time.legend(fontsize=6)
+        axes.set_xticks(ticks, [str(tick) for tick in ticks])
+        axes.minorticks_off()
+    figure.legend(*time.get_legend_handles_labels(), loc="outside lower center", ncols=5, columnspacing=1.2)
     return figure
 
 
