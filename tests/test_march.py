@@ -70,16 +70,16 @@ def test_tableaus_meet_the_order_conditions_they_claim():
 
 @pytest.mark.parametrize("stepper", [steppers.ARK4(), steppers.ARK5()], ids=["ARK4", "ARK5"])
 def test_the_error_follows_the_tolerance(stepper):
-    """Above 1e-5 stability sets the steps, and the error stays below the tolerance."""
-    reference = run(pop(), 0.3, Adaptive(1e-9, steppers.ARK5()), saves=3)
-    tolerances = [1e-3, 1e-4, 1e-5, 1e-6, 1e-7]
+    """Above 1e-5 stability sets the steps, and the error stays below; with 64 nodes space would end it at 1e-7."""
+    reference = run(pop(96), 0.3, Adaptive(1e-10, steppers.ARK5()), saves=3)
+    tolerances = [1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8]
     errors = []
     for tolerance in tolerances:
-        result = run(pop(), 0.3, Adaptive(tolerance, stepper), saves=3)
+        result = run(pop(96), 0.3, Adaptive(tolerance, stepper), saves=3)
         errors.append(jnp.max(jnp.abs(result.x - reference.x)))
         assert errors[-1] < 10 * tolerance
     assert max(errors[:2]) < 1e-4, errors
-    assert 0.7 < observed_order(tolerances[2:], errors[2:]) < 1.3, errors
+    assert 0.8 < observed_order(tolerances[2:], errors[2:]) < 1.3, errors
 
 
 def test_charging_of_a_circle_is_the_closed_form():
