@@ -23,6 +23,7 @@ import numpy as np
 import tomli_w
 
 from jaxves.hdf5 import datasets_below, histories, slots
+from jaxves.sweepstore import DUE
 
 from ._common import store
 
@@ -44,7 +45,7 @@ def scene(t_end, saves) -> dict:
 def acknowledged(file: h5py.File) -> np.ndarray:
     """Which cases of a sweep, or rows of a run, count as done."""
     if "status" in file:
-        return (file["status"][...] != b"pending").ravel()
+        return ~np.isin(file["status"][...].astype(str), DUE).ravel()
     return np.arange(file.attrs["saves"]) < file.attrs["saved"]
 
 

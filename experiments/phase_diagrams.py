@@ -19,6 +19,7 @@ import numpy as np
 
 from jaxves import critical_field as critical
 from jaxves import scenefile, status, sweepplot
+from jaxves.sweepstore import DUE, SKIPPED
 
 from ._common import save, store
 from ._sweeps import TOY, listed, swept
@@ -75,7 +76,7 @@ def run(
             record = replaced(record, tuple(again.T), fine)
         seconds = time.perf_counter() - began
         good = np.isin(record.status[0], list(status.SUCCESS))
-        computed = ~np.isin(record.status[0], ["skipped", "pending", "again"])
+        computed = ~np.isin(record.status[0], [*DUE, SKIPPED])
         brackets = boundary(record)
         found[area] = {
             "cases": int(np.sum(computed)),
