@@ -32,6 +32,7 @@ from .rigid import holding_force, nearest_circle, rigid_part
 from .scene import Scene
 from .summation import coupling_for
 from .surface import Surfaces
+from .symmetry import Symmetry
 
 _COUPLED = 1e-11  # true relative residual of the systems that couple membranes
 
@@ -99,6 +100,7 @@ class Equation(eqx.Module):
     filter: Filter
     solver: linear.AbstractSolver  # of one membrane's charge, where its factors are not needed
     coupling: AbstractCoupling | None  # None: a lone membrane
+    symmetry: Symmetry | None  # None: several
     integrands: object = eqx.field(static=True, default=None)  # (Motion, Scene, t) -> dict, or None
 
     def is_circle(self) -> Array:
@@ -294,14 +296,22 @@ class Equation(eqx.Module):
     def project(self, y: Unknowns, constraint: Constraint) -> Unknowns:
         """Filter, then one Newton step back to uniform metric and own area, with the operators of `constraint`.
 
-        Quadratic: what a step of order p leaves, of size h^p, comes back as its square.
+        Quadratic: what a step of order p leaves, of size h^p, comes back as its square. Then the start's symmetries.
         """
         y = self.filtered(y)
         x = y.x + jax.vmap(self._correction)(y.x, self.area, self.speed, constraint)
         if x.shape[0] == 1:
             circles = jax.vmap(nearest_circle)(y.x, self.speed)
             x = jnp.where(self.is_circle()[:, None, None], circles, x)
-        return Unknowns(x, y.V_m, y.integrals)
+        return self._symmetric(Unknowns(x, y.V_m, y.integrals))
+
+    def _symmetric(self, y: Unknowns) -> Unknowns:
+        """y with the symmetries that a lone vesicle has had from the start."""
+        if self.symmetry is None:
+            return y
+        x, V_m = jax.tree.map(lambda leaf: leaf[0], (y.x, y.V_m))
+        x, V_m = jax.tree.map(lambda leaf: leaf[None], self.symmetry.restored(x, V_m))
+        return Unknowns(x, V_m, y.integrals)
 
     def _correction(self, x, area, speed, constraint):
         curve = Curve.from_nodes(x)
@@ -323,7 +333,7 @@ class Equation(eqx.Module):
         x = fourier.resample(self.scene.x, N, axis=1)
         scene = eqx.tree_at(lambda s: (s.x, s.V_m), self.scene, (x, None), is_leaf=lambda leaf: leaf is None)
         cut = Filter.for_nodes(N)
-        return Equation(scene, self.area, self.speed, cut, self.solver, self.coupling, self.integrands)
+        return Equation(scene, self.area, self.speed, cut, self.solver, self.coupling, self.symmetry, self.integrands)
 
     def start(self) -> Unknowns:
         """The starting state, settled."""
@@ -361,5 +371,6 @@ def equation_for(
         Filter.for_nodes(N) if filter is None else filter,
         linear.for_second_kind(N) if solver is None else solver,
         coupling,
+        Symmetry.of(scene) if M == 1 else None,
         integrands,
     )

@@ -1,0 +1,97 @@
+r"""The symmetries of a lone vesicle that its motion keeps.
+
+A uniform field and a linear flow look the same from both ends of a vesicle: what is symmetric about its centre at the
+start remains so. Without a flow, what is also its own mirror image in an axis along the field or across it remains
+that. Discretely both hold to round-off, but the neck of a bud under compression amplifies what is broken of them by
+1e8 and more. So what the start has is restored after every step, and what it lacks by more than 1e-10 is left alone:
+
+    about the centre:  x(α + π) = -x(α),   V_m(α + π) = -V_m(α)
+    in the axis a:     x(-α) = R x(α),     V_m(-α) = ±V_m(α),    R = 2 a aᵀ - 1,
+
+with x from the centre and a through the first node. V_m is linear in the field: + where a lies along it, - across it.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from .arrays import NodePoints, Nodes, Scalar
+from .scene import Scene
+
+_KEPT = 1e-10  # of the size of a vesicle, in units of which potentials are too
+
+
+class Symmetry(eqx.Module):
+    """What a lone vesicle has at the start, and therefore always."""
+
+    about_center: Bool[Array, ""]
+    in_axis: Bool[Array, ""]
+    axis: Float[Array, "2"]
+    parity: Scalar  # of V_m in the axis
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Symmetry":
+        """The symmetries of the start that field and flow share."""
+        scene = lax.stop_gradient(scene)
+        x, V_m = scene.x[0], jnp.zeros(scene.x.shape[1]) if scene.V_m is None else scene.V_m[0]
+        toward = x[0] - jnp.mean(x, axis=0)
+        size = jnp.linalg.norm(toward)
+        axis = toward / size
+        parity, shared = jnp.ones(()), jnp.array(scene.flow is None)
+        if scene.field is not None:
+            direction = scene.field.unit_direction()
+            along, across = jnp.abs(axis @ direction), jnp.abs(axis[0] * direction[1] - axis[1] * direction[0])
+            parity = jnp.where(along > across, 1.0, -1.0)
+            shared = shared & (jnp.minimum(along, across) < _KEPT)
+
+        def has(image, of_potential):
+            apart = jnp.maximum(jnp.max(jnp.abs(image - x)), jnp.max(jnp.abs(of_potential - V_m)))
+            return apart < _KEPT * size
+
+        return cls(
+            has(_about_center(x), _opposite(V_m)),
+            shared & has(_in_axis(x, axis), _mirrored(V_m, parity)),
+            axis,
+            parity,
+        )
+
+    def restored(self, x: NodePoints, V_m: Nodes | None) -> tuple[NodePoints, Nodes | None]:
+        """x and V_m with what the start had, from which they are by round-off: their derivatives are untouched."""
+        axis = self.axis
+        x = _corrected(x, _in_axis(x, axis), self.in_axis)
+        x = _corrected(x, _about_center(x), self.about_center)
+        if V_m is not None:
+            V_m = _corrected(V_m, _mirrored(V_m, self.parity), self.in_axis)
+            V_m = _corrected(V_m, _opposite(V_m), self.about_center)
+        return x, V_m
+
+
+def _corrected(f: Array, symmetric: Array, wanted: Bool[Array, ""]) -> Array:
+    return f + lax.stop_gradient(jnp.where(wanted, symmetric - f, 0.0))
+
+
+def _about_center(x: NodePoints) -> NodePoints:
+    center = jnp.mean(x, axis=0)
+    return center + _opposite(x - center)
+
+
+def _opposite(f: Array) -> Array:
+    """The part of f, (N, ...), that changes sign half-way round."""
+    return 0.5 * (f - jnp.roll(f, f.shape[0] // 2, axis=0))
+
+
+def _backwards(f: Array) -> Array:
+    """f(-α)."""
+    return jnp.roll(f[::-1], 1, axis=0)
+
+
+def _in_axis(x: NodePoints, axis: Float[Array, "2"]) -> NodePoints:
+    center = jnp.mean(x, axis=0)
+    image = _backwards(x - center)
+    reflected = 2 * jnp.outer(image @ axis, axis) - image
+    return center + 0.5 * (x - center + reflected)
+
+
+def _mirrored(f: Nodes, parity: Scalar) -> Nodes:
+    return 0.5 * (f + parity * _backwards(f))
