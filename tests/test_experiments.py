@@ -76,10 +76,11 @@ def test_a_conducting_vesicle_stays_prolate():
     assert found["POP"]["diagnostics/deformation_along_field"].min() < 0
 
 
-def test_a_vesicle_and_its_mirror_images_stay_alike():
+def test_a_disturbance_of_the_symmetry_is_followed():
     found = after_budding.run(**after_budding.QUICK)
     row = found[3.2]
-    assert row["status"] == "complete" and np.max(row["asymmetry"]) < 1e-10 and np.max(row["area"]) < 1e-5
+    assert row["status"] == "complete" and np.max(row["error"]) < 1e-2 and np.max(row["area"]) < 1e-5
+    assert 1e-10 < np.max(row["asymmetry"]) < 1e-6
     after_budding.draw(found)
 
 
