@@ -1,20 +1,22 @@
-"""What are the projection, the filter, the finer kernels in necks, and watching the highest modes worth?
+"""What are projection, filter, finer kernels in necks, watching the highest modes and keeping symmetries worth?
 
-    python -m experiments.safeguards          # tables and a figure, about eight minutes
+    python -m experiments.safeguards          # tables and a figure, about twelve minutes
 
 After every step the nodes are filtered (N/16 modes of x, Nyquist alone of σ and V_m) and projected back to uniform
 metric and their own area. Here each is left out: "Nyquist only" filters x no deeper than σ. And a vesicle buds with
 Kress's rule alone, on the nodes as they are, instead of on finer ones where the membrane comes near itself. And steps
-are chosen by the plain size of their error, in which the highest modes count like all others.
+are chosen by the plain size of their error, in which the highest modes count like all others. And two vesicles that
+start symmetric, one that buds and one that treads where treading is unstable, are left to what round-off makes of that.
 
 What to expect: without the projection area and length drift, and the shape is further off by one digit or more;
 with the shallow filter a grid-scale stretching pattern, which σ cannot see, halves the largest stable step and
 multiplies the steps of a budding run. Neither costs accuracy or order. Without finer kernels a neck as wide as the
 spacing of the nodes is wrong by per cents, and closes in some runs. Where the highest modes count like others,
 round-off in them grows until it is as large as the tolerance: what depends on curvature, [μ] or tension, is noise.
+Where symmetries are not kept, the bud is wrong by per cents once its neck has opened, and treading ends in a fold.
 """
 
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from unittest import mock
 
 import jax
@@ -29,9 +31,11 @@ from jaxves.marching import Adaptive, Checks, Fixed
 from jaxves.potentials import contact
 from jaxves.scene import make_scene
 from jaxves.steppers import ARK4, ARK5
+from jaxves.symmetry import Symmetry
 
 from ._common import march, pop, save, store, styled, treading
 from ._distance import distances
+from ._treading import Setting
 
 SCENES = {"POP": (pop, 0.3), "tank-treading": (treading, 0.2)}
 # projection on?, modes removed from x (None: the default)
@@ -43,7 +47,7 @@ VARIANTS = {
 }
 QUICK = dict(
     scenes=("tank-treading",), variants=("both", "no projection"), N=64, sizes=(20,), reference=80, pop_end=0.01,
-    controlled=("POP",), necks=(), edge=(),
+    controlled=("POP",), necks=(), edge=(), symmetric=(),
 )  # fmt: skip
 _AT_ONCE = 5
 _ALL = Checks(tail=np.inf, drift=np.inf)  # judged here by their error alone
@@ -114,33 +118,63 @@ def with_adaptive_steps(scene, t_end, variants, tolerance=1e-4, calls=10):
     return found
 
 
-def budded(N, tolerance, t_end, saves=6, *, finer_kernels=True):
-    """Status and rows of a run at Δ = 0.5, β = 16."""
+@contextmanager
+def left_out(owner, name, instead):
+    """Without a part of the package, which has no such option: programs compiled with and without are kept apart."""
+    jax.clear_caches()
+    with mock.patch.object(owner, name, instead):
+        yield
+    jax.clear_caches()
+
+
+def ended(scene, tolerance, t_end, saves=6):
+    """Status, and the rows until then."""
     times = t_end * np.arange(1, saves + 1) / saves
-    # The package has no such option: programs compiled before must be forgotten, and those of this one after.
-    without = nullcontext() if finer_kernels else mock.patch.object(contact, "FACTORS", (1,))
-    jax.clear_caches()
-    with without:
-        method = Adaptive(tolerance, max_steps=3000)
-        state, rows, _ = march(pop(N, reduced_area=0.5, beta=16.0), method, times, checks=_ALL, together=saves)
-    jax.clear_caches()
+    state, rows, _ = march(scene, Adaptive(tolerance, max_steps=3000), times, checks=_ALL, together=saves)
     kept = ~np.isnan(rows["t"])
     return status.WORDS[max(int(state.status), status.COMPLETE)], {name: row[kept] for name, row in rows.items()}
 
 
-def in_necks(sizes, reference=192, t_end=0.18):
-    """{nodes: {with, without: {status, t, shape, V_m, tension}}}: errors at the last saved instant."""
-    _, best = budded(reference, 1e-6, t_end)
+def errors(scene, t_end, best, without):
+    """{with, without: {status, t, shape, V_m, tension}}: how far from the rows `best` at the last common instant."""
     found = {}
-    for N in sizes:
-        found[N] = {}
-        for name, finer_kernels in (("with", True), ("without", False)):
-            word, rows = budded(N, 1e-5, t_end, finer_kernels=finer_kernels)
-            n = min(len(rows["t"]), len(best["t"]))
-            apart = distances({key: row[:n] for key, row in rows.items()}, {key: row[:n] for key, row in best.items()})
-            errors = {name: float(error[-1]) for name, error in apart.items()}
-            neck = float(rows["diagnostics/self_gap"][n - 1, 0] / (2 * np.pi / N))
-            found[N][name] = {"status": word, "t": float(rows["t"][n - 1]), "neck": neck} | errors
+    for name, context in (("with", nullcontext()), ("without", without)):
+        with context:
+            word, rows = ended(scene, 1e-5, t_end)
+        n = min(len(rows["t"]), len(best["t"]))
+        apart = distances({key: row[:n] for key, row in rows.items()}, {key: row[:n] for key, row in best.items()})
+        neck = float(rows["diagnostics/self_gap"][n - 1, 0] / (2 * np.pi / scene.x.shape[1]))
+        found[name] = {"status": word, "t": float(rows["t"][n - 1]), "neck": neck}
+        found[name] |= {key: float(error[-1]) for key, error in apart.items()}
+    return found
+
+
+def bud(N):
+    """Δ = 0.5, β = 16."""
+    return pop(N, reduced_area=0.5, beta=16.0)
+
+
+def in_necks(sizes, reference=192, t_end=0.18):
+    """{nodes: errors} of a bud with and without finer kernels."""
+    if not sizes:
+        return {}
+    _, best = ended(bud(reference), 1e-6, t_end)
+    return {N: errors(bud(N), t_end, best, left_out(contact, "FACTORS", (1,))) for N in sizes}
+
+
+SYMMETRIC = {
+    "budding at β = 16": (bud, 0.3, 128),
+    "treading at Δ = 0.6, Λ = 0.1": (Setting(0.6, 0.1, 6.4, 10.0).scene, 4.0, 96),
+}
+
+
+def of_symmetric(names):
+    """{scene: errors} with and without its symmetry."""
+    found = {}
+    for name in names:
+        make, t_end, N = SYMMETRIC[name]
+        _, best = ended(make(3 * N // 2), 1e-6, t_end)
+        found[name] = errors(make(N), t_end, best, left_out(Symmetry, "restored", lambda self, x, V_m: (x, V_m)))
     return found
 
 
@@ -183,14 +217,16 @@ def run(
     controlled=("POP", "budding"),
     necks=(64, 96, 128),
     edge=(1e-3, 1e-4, 1e-5, 1e-6),
+    symmetric=tuple(SYMMETRIC),
 ):
-    """Tables: fixed steps, controlled steps for a POP run and for budding, finer kernels, the edge of stability."""
+    """Tables: fixed steps, controlled steps for a POP run and for budding, finer kernels, the edge, symmetries."""
     runs = {"POP": (pop(N), pop_end), "budding": (pop(bud_nodes, reduced_area=0.5, beta=12.8), bud_end)}
     return {
         "fixed": {name: with_fixed_steps(name, variants, N, sizes, reference) for name in scenes},
         "adaptive": {name: with_adaptive_steps(*runs[name], variants) for name in controlled},
-        "necks": in_necks(necks) if necks else {},
+        "necks": in_necks(necks),
         "edge": at_the_edge(edge),
+        "symmetric": of_symmetric(symmetric),
     }
 
 
@@ -227,11 +263,13 @@ def main():
                 f"  {variant:14} {row['status']:15} t = {row['t']:.3f}  {row['steps']}+{row['rejected']} steps"
                 f"  area {row['area']:.0e}  length {row['length']:.0e}"
             )
-    for N, variants in found["necks"].items():
-        print(f"budding at β = 16 with {N} nodes")
+    compared = {f"budding at β = 16 with {N} nodes, finer kernels": row for N, row in found["necks"].items()}
+    compared |= {f"{name}, its symmetry": row for name, row in found["symmetric"].items()}
+    for name, variants in compared.items():
+        print(name)
         for variant, row in variants.items():
             print(
-                f"  {variant:8} finer kernels: {row['status']:12} at t = {row['t']:.3f}, neck {row['neck']:.2f} h,"
+                f"  {variant:8} {row['status']:12} at t = {row['t']:.3f}, neck {row['neck']:.2f} h,"
                 f" errors: shape {row['shape']:.1e}, V_m {row['V_m']:.1e}, tension {row['tension']:.1e}"
             )
     for tolerance, variants in found["edge"].items():
