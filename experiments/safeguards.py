@@ -24,7 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot, shapes, status
+from jaxves import plot, shapes, status, stepping
 from jaxves.equation import Filter
 from jaxves.flow import Shear
 from jaxves.marching import Adaptive, Checks, Fixed
@@ -178,13 +178,6 @@ def of_symmetric(names):
     return found
 
 
-class Plain(Adaptive):
-    """Steps by the plain size of their error."""
-
-    def felt(self, equation, error, y):
-        return jnp.max(jnp.stack([jnp.max(jnp.abs(part)) for part in jax.tree.leaves((error.x, error.V_m))]))
-
-
 def at_the_edge(tolerances, N=96, t_end=20.0, saves=100):
     """{tolerance: {watched, plain: steps, and of the second half of steady treading in shear the noise}}."""
     scene = make_scene(shapes.ellipse(N, 0.7, angle=jnp.deg2rad(20.0)), flow=Shear(10.0))
@@ -192,8 +185,9 @@ def at_the_edge(tolerances, N=96, t_end=20.0, saves=100):
     found = {}
     for tolerance in tolerances:
         found[tolerance] = {}
-        for name, kind in (("watched", Adaptive), ("plain", Plain)):
-            state, rows, _ = march(scene, kind(tolerance), times, checks=_ALL, together=saves)
+        for name, context in (("watched", nullcontext()), ("plain", left_out(stepping, "WEIGHT", 0.0))):
+            with context:
+                state, rows, _ = march(scene, Adaptive(tolerance), times, checks=_ALL, together=saves)
             late = {key.removeprefix("diagnostics/"): row[saves // 2 :, 0] for key, row in rows.items() if row.ndim > 1}
             found[tolerance][name] = {
                 "steps": int(state.steps) + int(state.rejected),

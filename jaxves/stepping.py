@@ -31,7 +31,7 @@ from .motion import Motion, Unknowns, verdict
 from .steppers import ARK4, AbstractStepper
 
 _HIGHEST = 0.25  # of the modes that the filter of x leaves
-_WEIGHT = 30.0  # of errors in those, as far as they exceed
+WEIGHT = 30.0  # of errors in those, as far as they exceed
 _PART = 0.03  # of what is in them
 ROUGH = 3e-3  # top of the spectrum over its largest mode: beyond it nothing is resolved
 
@@ -276,7 +276,7 @@ class Adaptive(AbstractMarch):
 
     def felt(self, equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
         """What of the error of a step to y is held against the tolerance."""
-        return jnp.maximum(_size(error), _WEIGHT * _excess(equation, error, y))
+        return jnp.maximum(_size(error), WEIGHT * _excess(equation, error, y))
 
     def _limit(self, state: State, sound, full):
         underflow = jnp.where(sound, status.STEP_UNDERFLOW, status.NOT_FINITE)
