@@ -4,7 +4,7 @@
     python -m experiments.stability field pairs   # these groups again; the stored numbers of the others stay
 
 Scenes at the edge of every parameter, alone and combined, at tolerance 1e-5 with the usual checks, to
-t_end = min(1, 20/Ca, 50 χ/β). Each is then run again with more nodes (fewer for the largest) and a tenth of the
+t_end = min(1, 20/Ca, 50 χ/β). Each is then run again with more nodes (fewer for 256) and a tenth of the
 tolerance. A cell is "right" when the two agree to 1e-3 in shape and in V_m at all saved instants, or "stopped" with
 the word of its status, when what it had saved before that is right to 1e-2; anything else is "wrong": nothing may be
 silently so.
@@ -76,7 +76,7 @@ class Cell(NamedTuple):
 
     def finer(self) -> int:
         """Nodes of the run that checks it."""
-        return {32: 64, 64: 96, 128: 192, 256: 192, 512: 256}[self.N]
+        return {32: 64, 64: 96, 128: 192, 256: 192, 512: 640}[self.N]
 
 
 def _each(name, values, **others):
