@@ -53,6 +53,8 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
             x = shapes.rotated(shapes.circle(N, length=vesicle.length), angle)
         case PointsVesicle():
             x = _resampled(N, outlines.smooth(np.array(vesicle.points)), angle, vesicle.length)
+    if getattr(vesicle, "disturbance", None) is not None:
+        x = shapes.disturbed(x, vesicle.disturbance)
     return x + jnp.stack([as_float(component) for component in vesicle.center])
 
 

@@ -16,7 +16,8 @@ from .scenetables import SceneFile
 from .tables import SceneError, Table, dotted
 
 _TABLES = ("vesicle", "pair", "field", "flow")
-_OWN = ("conductivity_ratio", "membrane_conductance", "chi", "permittivity_ratio")  # of a vesicle, else the field's
+# Of a vesicle, where it need not say: else the field's, or none.
+_OWN = ("conductivity_ratio", "membrane_conductance", "chi", "permittivity_ratio", "disturbance")
 _PART = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
 

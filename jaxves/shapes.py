@@ -94,6 +94,17 @@ def ellipse_of_excess(N: int, excess: ScalarLike, *, angle: ScalarLike = 0.0, le
     return rotated(scaled(x, length), angle)
 
 
+def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
+    """x moved along its normal by amplitude · (sin 2α + cos 3α + sin 3α): enough to end any symmetry of an ellipse.
+
+    A vesicle that starts symmetric is kept so (`symmetry`): take 1e-6, say, to see what else is unstable. Area and
+    perimeter change by the square of the amplitude.
+    """
+    alpha = fourier.grid(x.shape[0])
+    wave = jnp.sin(2 * alpha) + jnp.cos(3 * alpha) + jnp.sin(3 * alpha)
+    return x + as_float(amplitude) * wave[:, None] * curve.Curve.from_nodes(x).normal
+
+
 def through_points(points: Float[np.ndarray, "K 2"], N: int, *, length: float = 1.0) -> NodePoints:
     """A smooth closed curve through points in order, as nodes; clockwise points are turned round.
 

@@ -16,6 +16,7 @@ center = [0.0, 0.0]
 length = 1.0                 # perimeter / 2π
 bending = 1.0                # κ_B relative to the reference
 relaxed = false              # true: let it relax to equilibrium first, without field or flow
+# disturbance = 1e-6         # of the shape, in a: ends its symmetry, which is kept else; shows what is unstable
 # conductivity_ratio, membrane_conductance, chi, permittivity_ratio: its own, else those of [field]
 
 # [pair]                     # two copies of the one vesicle

@@ -43,7 +43,19 @@ class VesicleTable(Table):
         """The outline of the shape, of any size, angle and place."""
 
 
-class EllipseVesicle(VesicleTable):
+class _Deformable(VesicleTable):
+    """What can be given no symmetry; a circle has no room for it."""
+
+    disturbance: Finite | None = None  # amplitude of what breaks the symmetry of the shape (`shapes.disturbed`)
+
+    @model_validator(mode="after")
+    def _stays(self):
+        if self.relaxed and self.disturbance is not None:
+            raise refusal("no disturbance where relaxed = true, which would undo it", "disturbance", self.disturbance)
+        return self
+
+
+class EllipseVesicle(_Deformable):
     """An ellipse of given reduced area Δ = 4πA/L²."""
 
     shape: Literal["ellipse"] = "ellipse"
@@ -62,7 +74,7 @@ class CircleVesicle(VesicleTable):
         return outlines.circle_polygon()
 
 
-class PointsVesicle(VesicleTable):
+class PointsVesicle(_Deformable):
     """A smooth closed curve through points, scaled to the length; clockwise ones are turned round.
 
     `file` is read at once and becomes `points`: a scene written back does not depend on other files.

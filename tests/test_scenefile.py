@@ -57,6 +57,8 @@ BROKEN = [
     (BASE + "length = -1.0", "vesicle[0].length", "-1.0", "positive"),
     (BASE + "bending = 0.0", "vesicle[0].bending", "0.0", "positive"),
     (BASE + "relaxed = 1", "vesicle[0].relaxed", "1", "true or false"),
+    (BASE + "disturbance = inf", "vesicle[0].disturbance", "inf", "a finite number"),
+    (BASE + "relaxed = true\ndisturbance = 1e-6", "vesicle[0].disturbance", "1e-06", "no disturbance where relaxed"),
     (BASE + "angle = nan", "vesicle[0].angle", "nan", "finite"),
     (BASE + "chi = 0.1", "vesicle[0].chi", "0.1", "[field]"),
     (BASE + "conductivity_ratio = 2.0", "vesicle[0].conductivity_ratio", "2.0", "[field]"),

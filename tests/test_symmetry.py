@@ -6,11 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import fourier, shapes
+from jaxves import curve, fourier, shapes
+from jaxves.build import build
+from jaxves.curve import Curve
 from jaxves.equation import equation_for
 from jaxves.flow import Shear
 from jaxves.marching import Adaptive, Fixed, simulate
+from jaxves.parameters import scene_of
 from jaxves.scene import Scene, dc_field, make_scene
+from jaxves.scenefile import parse
 from jaxves.symmetry import Symmetry
 
 N = 32
@@ -163,3 +167,14 @@ def test_treading_that_a_bend_would_end_goes_on():
 
     assert odd(kept, -1) < 1e-13
     assert odd(disturbed, 1) > 1e-6
+
+
+def test_a_scene_file_can_ask_for_a_start_without_symmetry():
+    tables = {"t_end": 1.0, "vesicle": [{"reduced_area": 0.8}], "numerics": {"nodes": N}}
+    plain, moved = build(parse(tables)), scene_of(parse(tables), {"vesicle.disturbance": 1e-6})
+    assert kept(plain) == (True, True) and kept(moved) == (False, False)
+    assert 1e-6 < jnp.max(jnp.abs(moved.x - plain.x)) < 3e-6
+    for measure in (curve.area, curve.length):
+        np.testing.assert_allclose(
+            measure(Curve.from_nodes(moved.x[0])), measure(Curve.from_nodes(plain.x[0])), rtol=1e-9
+        )
