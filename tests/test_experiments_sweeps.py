@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from experiments import kills, phase_diagrams, rheology, sweep_throughput
+from experiments import broken_symmetry, kills, phase_diagrams, rheology, sweep_throughput
 from experiments._treading import Setting, at, start
 
 
@@ -21,6 +21,14 @@ def test_a_phase_diagram_has_prolates_in_weak_fields(tmp_path):
     classes = found["by area"][0.9]["classes"]
     assert classes[0][0] == "P" and classes[-1][-1] == "O"
     phase_diagrams.draw(found)
+
+
+@pytest.mark.slow
+def test_a_disturbed_start_is_told_beside_the_symmetric_one(tmp_path):
+    found = broken_symmetry.run(**broken_symmetry.QUICK | {"folder": tmp_path})
+    assert found["by area"][0.9][0.0] == {"classes": [["POP"]], "status": [["class reached"]], "changed": 0}
+    assert found["by area"][0.9][1e-3]["classes"] == [["POP"]]
+    broken_symmetry.draw(found)
 
 
 @pytest.mark.slow
