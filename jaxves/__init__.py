@@ -24,7 +24,7 @@ _LAYERS = {
     "lanes": (),
     # geometry
     "curve": ("Curve",),
-    "shapes": ("circle", "ellipse", "ellipse_of_excess", "through_points"),
+    "shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points"),
     # potentials: of one curve, at points away from it, and between curves
     "potentials": (),
     "interactions": ("Pairwise",),
