@@ -80,11 +80,11 @@ _FIELD = "field along y, chi = 0.08"
 BENCHMARKS = {
     "pop": Benchmark(
         pop, f"{_ELLIPSE}, Delta = 0.9, along the {_FIELD}, beta = 3.2, Lambda = 0.1, G = 0",
-        1.0, 20, Case(80, 1e-8), Case(96, 1e-9),
+        1.0, 20, Case(112, 1e-9), Case(128, 1e-10),
     ),
     "budding": Benchmark(
         _budding, f"{_ELLIPSE}, Delta = 0.5, along the {_FIELD}, beta = 12.8, Lambda = 0.1, G = 0",
-        0.22, 22, Case(128, 1e-5), Case(160, 1e-6),
+        0.22, 22, Case(160, 1e-6), Case(192, 1e-7),
     ),
     "shear": Benchmark(
         _shear, f"{_ELLIPSE}, Delta = 0.9, along x in shear, Ca = 10, no field",
@@ -93,16 +93,16 @@ BENCHMARKS = {
     "sheared_field": Benchmark(
         treading, f"{_ELLIPSE}, Delta = 0.9, 20 degrees from x, shear, Ca = 10, {_FIELD}, beta = 6.4, "
         "Lambda = 0.1, G = 4",
-        0.5, 20, Case(80, 1e-7), Case(96, 1e-9),
+        0.5, 20, Case(80, 1e-9), Case(96, 1e-10),
     ),
     "circulation": Benchmark(
         _pair, f"two: {_ELLIPSE}, Delta = 0.9, along y, centres 2.6 apart at 20 degrees from x, {_FIELD}, beta = 3.2, "
         "Lambda = 0.5, G = 0",
-        1.0, 10, Case(64, 1e-6), Case(80, 1e-8),
+        1.0, 10, Case(80, 1e-8), Case(96, 1e-9),
     ),
     "relaxation": Benchmark(
         _relaxation, f"{_ELLIPSE}, Delta = 0.7, major axis along x, neither field nor flow",
-        1.0, 20, Case(80, 1e-8), Case(96, 1e-9),
+        1.0, 20, Case(112, 1e-9), Case(128, 1e-10),
     ),
 }  # fmt: skip
 
