@@ -158,10 +158,11 @@ def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> 
     # Nothing has moved; but a start may be beyond the limits already.
     state = eqx.tree_at(lambda s: s.status, problem.state, state.status)
     _, M, N = row["x"].shape[:3]
+    symmetry = problem.equation.symmetry
     writer = store.Writer(
         path,
         scene_text=to_toml(scene_file),
-        attributes={"device": str(jax.devices()[0])},
+        attributes={"device": str(jax.devices()[0]), "symmetry": "" if symmetry is None else symmetry.kept},
         saves=scene_file.saves + 1,
         vesicles=M,
         nodes=N,

@@ -42,6 +42,8 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     M = record.x.shape[1]
     nodes = " or ".join(str(N) for N in np.unique(record.nodes))
     yield f"{M} vesicle{'s' * (M > 1)} of {nodes} nodes, {len(record.t)} saved times"
+    if kept := record.attributes.get("symmetry"):
+        yield f"kept symmetric {kept}, as it started; a `disturbance` would show what of it is unstable"
     if "deformation_along_field" in record.diagnostics:
         codes = phases.classify(record.diagnostics["deformation_along_field"])
         yield "class: " + ", ".join(phases.NAMES[code] for code in codes)

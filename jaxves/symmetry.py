@@ -56,6 +56,12 @@ class Symmetry(eqx.Module):
             parity,
         )
 
+    @property
+    def kept(self) -> str:
+        """What is kept, in words (outside compiled code); empty if nothing."""
+        words = {"about its centre": self.about_center, "in its axis": self.in_axis}
+        return " and ".join(word for word, kept in words.items() if kept)
+
     def restored(self, x: NodePoints, V_m: Nodes | None) -> tuple[NodePoints, Nodes | None]:
         """x and V_m with what the start had, from which they are by round-off: their derivatives are untouched."""
         axis = self.axis

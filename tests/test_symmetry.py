@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import curve, fourier, shapes
+from jaxves import curve, fourier, runner, shapes, store
 from jaxves.build import build
 from jaxves.curve import Curve
 from jaxves.equation import equation_for
@@ -15,6 +15,7 @@ from jaxves.marching import Adaptive, Fixed, simulate
 from jaxves.parameters import scene_of
 from jaxves.scene import Scene, dc_field, make_scene
 from jaxves.scenefile import parse
+from jaxves.summary import summary
 from jaxves.symmetry import Symmetry
 
 N = 32
@@ -178,3 +179,18 @@ def test_a_scene_file_can_ask_for_a_start_without_symmetry():
         np.testing.assert_allclose(
             measure(Curve.from_nodes(moved.x[0])), measure(Curve.from_nodes(plain.x[0])), rtol=1e-9
         )
+
+
+def test_a_result_tells_which_symmetries_were_kept(tmp_path):
+    vesicle, path = {"reduced_area": 0.8}, tmp_path / "x.h5"
+    for flow, told in ((None, "about its centre and in its axis"), ("shear", "about its centre")):
+        tables = {"t_end": 1e-3, "saves": 1, "vesicle": [vesicle], "numerics": {"nodes": 32, "certify": False}}
+        tables |= {} if flow is None else {"flow": {"kind": flow, "capillary_number": 1.0}}
+        runner.run(parse(tables), path, force=True)
+        record = store.load(path)
+        assert record.attributes["symmetry"] == told
+        assert any(f"kept symmetric {told}, as it started" in str(line) for line in summary(record, path))
+    tables["vesicle"] = [vesicle | {"disturbance": 1e-6}]
+    runner.run(parse(tables), path, force=True)
+    record = store.load(path)
+    assert record.attributes["symmetry"] == "" and not any("symmetric" in str(line) for line in summary(record, path))
