@@ -6,9 +6,9 @@ An ellipse along the field has a solution that stays symmetric about its centre 
 so. Whether a real vesicle follows it is another question: here the same cases start with outlines moved by 1e-6 a and
 1e-3 a, over β and G at Λ = 0.1 for Δ = 0.9, 0.8, 0.6, to t = 6 at most, 96 nodes.
 
-What to expect: the same classes at Δ = 0.9 and 0.8. At Δ = 0.6 the oblate shape across the field, which narrows to a
-dumbbell, is unstable at moderate G: it rolls over and ends prolate, or goes on rolling and folding until the nodes no
-longer resolve it.
+What to expect: no change where G is far from the boundary of O and POP. At it, and at Δ = 0.6 in strong fields
+everywhere, the symmetric oblate shape across the field is unstable: at G = 0.2 a disturbed vesicle rolls over and ends
+prolate, at Δ = 0.6 it may go on to roll and fold until the nodes no longer resolve it.
 """
 
 import numpy as np
@@ -21,6 +21,7 @@ from ._sweeps import TOY, listed, swept
 
 DISTURBANCES = (0.0, 1e-6, 1e-3)
 QUICK = dict(areas=(0.9,), strengths=(5.0,), conductances=(0.0,), disturbances=(0.0, 1e-3), nodes=32, folder=TOY)
+_SIZES = (150, 55, 14)  # of marks, by disturbance
 COLORS = {"P": "C0", "O": "C1", "POP": "C2", "open": "0.6"}
 
 
@@ -75,7 +76,7 @@ def draw(found) -> Figure:
     figure = Figure(figsize=(plot.PAGE, 2.6), layout="constrained")
     seen = set()
     for ax, (area, by_disturbance) in zip(figure.subplots(1, len(rows), squeeze=False)[0], rows.items(), strict=True):
-        for (disturbance, row), size in zip(by_disturbance.items(), (150, 55, 14), strict=False):
+        for (disturbance, row), size in zip(by_disturbance.items(), _SIZES, strict=False):
             for beta, classes, words in zip(found["strengths"], row["classes"], row["status"], strict=True):
                 for G, word, ended in zip(found["conductances"], classes, words, strict=True):
                     good = word in COLORS and ended in status.SUCCESS
@@ -87,7 +88,11 @@ def draw(found) -> Figure:
                     seen.add(label)
         ax.set(xlabel=r"$\beta$", ylabel="$G$", title=rf"$\Delta = {area:g}$")
         ax.margins(0.12)
-    figure.legend(loc="outside upper center", ncols=5)
+    sizes = zip(next(iter(rows.values())), _SIZES, strict=False)
+    for disturbance, size in sizes:
+        label = f"moved by {disturbance:g}" if disturbance else "symmetric start"
+        ax.scatter([], [], s=size, c="0.8", marker="o" if disturbance else "s", edgecolors="black", label=label)
+    figure.legend(loc="outside upper center", ncols=7)
     return figure
 
 
