@@ -162,9 +162,10 @@ def in_necks(sizes, reference=192, t_end=0.18):
     return {N: errors(bud(N), t_end, best, left_out(contact, "FACTORS", (1,))) for N in sizes}
 
 
+# scene, end, nodes, and those of the finer run
 SYMMETRIC = {
-    "budding at β = 16": (bud, 0.3, 128),
-    "treading at Δ = 0.6, Λ = 0.1": (Setting(0.6, 0.1, 6.4, 10.0).scene, 4.0, 96),
+    "budding at β = 16": (bud, 0.3, 256, 192),
+    "treading at Δ = 0.6, Λ = 0.1": (Setting(0.6, 0.1, 6.4, 10.0).scene, 4.0, 96, 144),
 }
 
 
@@ -172,8 +173,8 @@ def of_symmetric(names):
     """{scene: errors} with and without its symmetry."""
     found = {}
     for name in names:
-        make, t_end, N = SYMMETRIC[name]
-        _, best = ended(make(3 * N // 2), 1e-6, t_end)
+        make, t_end, N, reference = SYMMETRIC[name]
+        _, best = ended(make(reference), 1e-6, t_end)
         found[name] = errors(make(N), t_end, best, left_out(Symmetry, "restored", lambda self, x, V_m: (x, V_m)))
     return found
 
