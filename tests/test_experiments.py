@@ -137,6 +137,15 @@ def test_every_figure_of_the_table_exists_and_is_small():
     assert all((HERE / "figures" / name).stat().st_size < 150_000 for name in named)
 
 
+def test_the_rows_of_a_table_have_as_many_cells_as_its_head():
+    head = None
+    for line in (HERE / "README.md").read_text().splitlines():
+        cells = len(re.findall(r"(?<!\\)\|", line)) if line.startswith("|") else None
+        head = cells if head is None else head
+        assert cells in (None, head), line
+        head = None if cells is None else head
+
+
 def test_vesicles_of_a_suspension_keep_their_distance():
     x = np.asarray(scale.suspension(9, 64).x)
     nearest = min(
