@@ -9,8 +9,8 @@ away from that.
 
 What to expect: prolate again at t = 1 at all three fields, area and perimeter kept to 1e-6 up to the narrowest neck.
 Necks under compression amplify what breaks the symmetry, by 1e5 and more, so a real bud would open on one side or
-shear. The symmetric solution itself is right to 1e-4 and 1e-3 at β = 9.6 and 12.8 throughout, and at β = 16 to its narrowest
-neck and again at the end.
+shear. The symmetric solution itself is right to 1e-4 and 1e-3 at β = 9.6 and 12.8 throughout, and at β = 16 to its
+narrowest neck and again at the end.
 """
 
 import equinox as eqx
