@@ -1,13 +1,13 @@
 """Which numbers can another code be checked against, to how many digits, and what does their accuracy cost here?
 
-    python -m experiments.benchmarks          # writes benchmarks/*.csv and benchmarks.h5, prints the table, ten minutes
+    python -m experiments.benchmarks          # writes benchmarks/*.csv and benchmarks.h5, prints the table, six minutes
 
 Six scenes with everything that defines them in their headers; histories of quantities that do not depend on where
 nodes lie (integrals over the membrane). Each is computed twice, with different nodes, tolerances and methods; the
 digits stated are those in which the two agree at every saved time, relative to the largest value of the column.
 
-What to expect: eight digits in shear, seven or eight for POP, five to seven for the pair, which amplifies what differs,
-and three or four for the bud, whose elliptic start has modes that no affordable number of nodes resolves.
+What to expect: eight digits and more in shear, POP and relaxation, seven for the pair, which amplifies what differs,
+and four or five for the bud, whose elliptic start has modes that no affordable number of nodes resolves.
 """
 
 import csv
