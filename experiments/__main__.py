@@ -1,7 +1,7 @@
 """Which experiments are there, do they all run, and what do they take?
 
     python -m experiments                      # the questions, with minutes
-    python -m experiments --quick [NAMES]      # every `run` at toy size, in one process
+    python -m experiments --quick [NAMES]      # every `run` at toy size, side by side on all cores
     python -m experiments --all [NAMES]        # every `main`, one after the other: tables, figures, stored numbers
 
 Experiments are the modules beside this file whose names begin with a letter: their questions are the first lines of
@@ -9,7 +9,9 @@ their docstrings, their minutes stand in README.md, and `QUICK`, where they have
 """
 
 import ast
+import contextlib
 import importlib
+import io
 import os
 import pkgutil
 import re
@@ -17,6 +19,9 @@ import subprocess
 import sys
 import time
 import traceback
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -56,7 +61,7 @@ def minutes() -> dict[str, str]:
 
 
 def run_quickly(name: str) -> Outcome:
-    """`run(**QUICK)` of one experiment."""
+    """`run(**QUICK)` of one experiment; what it prints is dropped."""
     import jax
 
     start = time.perf_counter()
@@ -64,7 +69,8 @@ def run_quickly(name: str) -> Outcome:
     try:
         module = importlib.import_module(f"experiments.{name}")
         if hasattr(module, "QUICK"):
-            module.run(**module.QUICK)
+            with contextlib.redirect_stdout(io.StringIO()):
+                module.run(**module.QUICK)
         else:
             word = "no QUICK"
     except Exception as error:  # whatever one of them does, the others run
@@ -80,6 +86,18 @@ def run_fully(name: str) -> Outcome:
     ended = subprocess.run([sys.executable, "-m", f"experiments.{name}"], check=False)
     word = "done" if ended.returncode == 0 else f"exit status {ended.returncode}"
     return Outcome(name, word, time.perf_counter() - start)
+
+
+def outcomes(chosen: list[str], quick: bool) -> Iterator[Outcome]:
+    """One after the other as they end: in full each on all cores, at toy size side by side, since most is compiling."""
+    if not quick:
+        yield from map(run_fully, chosen)
+        return
+    # Many programs in one process would fill its memory.
+    workers = min(len(chosen), os.cpu_count())
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=8) as pool:
+        for ended in as_completed([pool.submit(run_quickly, name) for name in chosen]):
+            yield ended.result()
 
 
 def show(chosen: list[str]) -> None:
@@ -108,16 +126,15 @@ def main(
     if not quick and not everything:
         show(chosen or names())
         return
-    outcomes = []
-    for name in chosen or names():
-        out.rule(name, align="left")
-        outcomes.append(run_quickly(name) if quick else run_fully(name))
-        out.print(f"{outcomes[-1].word}, {outcomes[-1].seconds:.0f} s")
-    failed = [outcome for outcome in outcomes if outcome.word not in {"done", "no QUICK"}]
-    lacking = [outcome.name for outcome in outcomes if outcome.word == "no QUICK"]
-    done = len(outcomes) - len(failed) - len(lacking)
+    start, ended = time.perf_counter(), []
+    for outcome in outcomes(chosen or names(), quick):
+        ended.append(outcome)
+        out.print(f"{outcome.name}: {outcome.word}, {outcome.seconds:.0f} s", markup=False)
+    failed = [outcome for outcome in ended if outcome.word not in {"done", "no QUICK"}]
+    lacking = [outcome.name for outcome in ended if outcome.word == "no QUICK"]
+    done = len(ended) - len(failed) - len(lacking)
     out.rule(align="left")
-    out.print(f"{done} done in {sum(outcome.seconds for outcome in outcomes) / 60:.1f} minutes")
+    out.print(f"{done} done in {(time.perf_counter() - start) / 60:.1f} minutes")
     if lacking:
         out.print(f"not run, having no QUICK: {', '.join(lacking)}")
     for outcome in failed:

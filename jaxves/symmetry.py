@@ -33,14 +33,14 @@ class Symmetry(eqx.Module):
     @classmethod
     def of(cls, scene: Scene) -> "Symmetry":
         """The symmetries of the start that field and flow share."""
-        scene = lax.stop_gradient(scene)
-        x, V_m = scene.x[0], jnp.zeros(scene.x.shape[1]) if scene.V_m is None else scene.V_m[0]
+        V_m = jnp.zeros(scene.x.shape[:2]) if scene.V_m is None else scene.V_m
+        x, V_m = lax.stop_gradient((scene.x[0], V_m[0]))
         toward = x[0] - jnp.mean(x, axis=0)
         size = jnp.linalg.norm(toward)
         axis = toward / size
         parity, shared = jnp.ones(()), jnp.array(scene.flow is None)
         if scene.field is not None:
-            direction = scene.field.unit_direction()
+            direction = lax.stop_gradient(scene.field.unit_direction())
             along, across = jnp.abs(axis @ direction), jnp.abs(axis[0] * direction[1] - axis[1] * direction[0])
             parity = jnp.where(along > across, 1.0, -1.0)
             shared = shared & (jnp.minimum(along, across) < _KEPT)

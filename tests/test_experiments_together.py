@@ -39,12 +39,20 @@ def test_a_quick_run_calls_run_with_the_toy_arguments_and_names_what_failed(monk
     monkeypatch.setattr(shear, "run", lambda **arguments: called.update(arguments))
     monkeypatch.setattr(solvers, "run", lambda **arguments: 1 / 0)
     monkeypatch.delattr(throughput, "QUICK")
+    # In this process, where the replacements are.
+    monkeypatch.setattr(together, "outcomes", lambda chosen, quick: map(together.run_quickly, chosen))
     found = answer("--quick", "shear", "solvers", "throughput")
     assert called == shear.QUICK
     assert found.exit_code == 1
     assert "failed: solvers: ZeroDivisionError" in found.output
     assert "no QUICK: throughput" in found.output
     assert "1 done" in found.output
+
+
+def test_quick_runs_go_side_by_side_in_processes_of_their_own():
+    found = answer("--quick", "self_contact", "shear")
+    assert found.exit_code == 0, found.output
+    assert "self_contact: done" in found.output and "2 done" in found.output
 
 
 def test_an_unknown_experiment_is_refused_with_those_that_exist():
