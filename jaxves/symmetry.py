@@ -12,6 +12,7 @@ with x from the centre and a through the first node. V_m is linear in the field:
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
@@ -19,7 +20,9 @@ from jaxtyping import Array, Bool, Float
 from .arrays import NodePoints, Nodes, Scalar
 from .scene import Scene
 
-_KEPT = 1e-10  # of the size of a vesicle, in units of which potentials are too
+# Of the size of a vesicle, in units of which potentials are too:
+_KEPT = 1e-10  # nearer to symmetric is symmetric
+_LOST = 1e-7  # no step breaks more of it by round-off
 
 
 class Symmetry(eqx.Module):
@@ -63,18 +66,21 @@ class Symmetry(eqx.Module):
         return " and ".join(word for word, kept in words.items() if kept)
 
     def restored(self, x: NodePoints, V_m: Nodes | None) -> tuple[NodePoints, Nodes | None]:
-        """x and V_m with what the start had, from which they are by round-off: their derivatives are untouched."""
-        axis = self.axis
-        x = _corrected(x, _in_axis(x, axis), self.in_axis)
-        x = _corrected(x, _about_center(x), self.about_center)
-        if V_m is not None:
-            V_m = _corrected(V_m, _mirrored(V_m, self.parity), self.in_axis)
-            V_m = _corrected(V_m, _opposite(V_m), self.about_center)
+        """x and V_m with what the start had, where round-off broke it: their derivatives are untouched.
+
+        What is further from symmetric than round-off can make it in a step was disturbed on purpose, and left alone.
+        """
+        size = jnp.linalg.norm(x[0] - jnp.mean(x, axis=0))
+        for wanted, of_x, of_V_m in (
+            (self.in_axis, lambda x: _in_axis(x, self.axis), lambda V_m: _mirrored(V_m, self.parity)),
+            (self.about_center, _about_center, _opposite),
+        ):
+            image = of_x(x), None if V_m is None else of_V_m(V_m)
+            lost = lax.stop_gradient(jax.tree.map(jnp.subtract, image, (x, V_m)))
+            apart = jnp.max(jnp.stack([jnp.max(jnp.abs(leaf)) for leaf in jax.tree.leaves(lost)]))
+            given_back = wanted & (apart < _LOST * size)
+            x, V_m = jax.tree.map(lambda f, d, keep=given_back: f + jnp.where(keep, d, 0.0), (x, V_m), lost)
         return x, V_m
-
-
-def _corrected(f: Array, symmetric: Array, wanted: Bool[Array, ""]) -> Array:
-    return f + lax.stop_gradient(jnp.where(wanted, symmetric - f, 0.0))
 
 
 def _about_center(x: NodePoints) -> NodePoints:
