@@ -1,6 +1,6 @@
 """Does a sweep or a run lose anything when it is killed?
 
-    python -m experiments.kills          # a table, about five minutes
+    python -m experiments.kills          # a table, about nine minutes
 
 `kill -9` at ten random moments of `jaxves sweep` and at ten of `jaxves run`, each time followed by the same command
 with `--resume`; when that has come to its end, anew. A moment is uniform over the seconds that the command takes
@@ -126,7 +126,7 @@ def disturbed(command: Command, kills: int, rng: np.random.Generator) -> dict:
     return {"seconds": seconds, "size": size, "sittings": sittings}
 
 
-def run(kills=10, cases=300, rows=6000, seed=None):
+def run(kills=10, cases=1500, rows=6000, seed=None):
     """By command: its seconds undisturbed, how many cases or rows it has, and its sittings."""
     rng = np.random.default_rng(seed)
     axes = {"field.beta": {"start": 0.5, "stop": 6.0, "num": cases // 2}, "field.membrane_conductance": [0.0, 1.0]}
