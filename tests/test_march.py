@@ -143,19 +143,19 @@ def test_projection_is_worth_its_price():
 
 
 def test_round_off_in_the_highest_modes_does_not_grow_to_what_the_tolerance_lets_pass():
-    """Steady treading at steps on the edge of stability: [μ] is seen to be steady, with no more steps than without."""
+    """Steady treading at steps on the edge of stability: [μ] is steady to a few tolerances, with no more steps."""
 
     class Plain(Adaptive):
         def felt(self, equation, error, y):
             return jnp.max(jnp.abs(error.x))
 
     s = make_scene(shapes.ellipse(64, 0.7, angle=jnp.deg2rad(20.0)), flow=Shear(10.0))
-    noise, steps = {}, {}
+    tolerance, noise, steps = 1e-3, {}, {}
     for kind in (Adaptive, Plain):
-        result = run(s, 4.0, kind(1e-3), saves=40)
+        result = run(s, 4.0, kind(tolerance), saves=40)
         noise[kind] = float(jnp.ptp(result.diagnostics["effective_viscosity"][20:]))
         steps[kind] = int(result.state.steps + result.state.rejected)
-    assert noise[Adaptive] < 2e-3 and noise[Plain] > 20 * noise[Adaptive], noise
+    assert noise[Adaptive] < 5 * tolerance and noise[Plain] > 20 * noise[Adaptive], noise
     assert steps[Adaptive] < 1.1 * steps[Plain], steps
 
 
