@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from jaxves import plot, status
 
+from . import phase_diagrams
 from ._common import save, store, styled
 from ._sweeps import TOY, listed, swept
 
@@ -28,14 +29,7 @@ COLORS = {"P": "C0", "O": "C1", "POP": "C2", "open": "0.6"}
 def tables(areas, strengths, conductances, disturbances, nodes) -> dict:
     """The sweep."""
     return {
-        "scene": {
-            "t_end": 6.0,
-            "saves": 120,
-            "vesicle": [{"reduced_area": 0.9, "angle": 90.0}],
-            "field": {"beta": 1.0, "conductivity_ratio": 0.1},
-            "stop": {"steady": 1e-5, "class": "POP"},
-            "numerics": {"nodes": nodes},
-        },
+        "scene": phase_diagrams.scene(nodes),
         "axes": {
             "vesicle.disturbance": list(disturbances),
             "vesicle.reduced_area": list(areas),

@@ -30,18 +30,23 @@ QUICK = dict(
 )  # fmt: skip
 
 
+def scene(nodes, t_end=6.0, saves=120) -> dict:
+    """A vesicle along the field, until nothing moves any more or it was prolate, oblate and prolate."""
+    return {
+        "t_end": t_end,
+        "saves": saves,
+        "vesicle": [{"reduced_area": 0.9, "angle": 90.0}],
+        "field": {"beta": 1.0, "conductivity_ratio": 0.1},
+        "stop": {"steady": 1e-5, "class": "POP"},
+        "numerics": {"nodes": nodes},
+    }
+
+
 def tables(areas, beta, conductance, levels, nodes, t_end, saves) -> dict:
     """The sweep; an axis is (start, stop, num)."""
     span = ("start", "stop", "num")
     return {
-        "scene": {
-            "t_end": t_end,
-            "saves": saves,
-            "vesicle": [{"reduced_area": 0.9, "angle": 90.0}],
-            "field": {"beta": 1.0, "conductivity_ratio": 0.1},
-            "stop": {"steady": 1e-5, "class": "POP"},
-            "numerics": {"nodes": nodes},
-        },
+        "scene": scene(nodes, t_end, saves),
         "axes": {
             "vesicle.reduced_area": list(areas),
             "field.beta": dict(zip(span, beta, strict=True)),
@@ -70,9 +75,8 @@ def run(
         record = swept(wanted, f"phase_diagrams_{area}", folder)
         again = np.argwhere(record.status == "unresolved")
         if len(again):
-            scene = wanted["scene"] | {"numerics": {"nodes": finer}}
             places = [record.at(tuple(i)) for i in again]
-            fine = swept({"scene": scene, "cases": places}, f"phase_diagrams_{area}_fine", folder)
+            fine = swept({"scene": scene(finer, t_end, saves), "cases": places}, f"phase_diagrams_{area}_fine", folder)
             record = replaced(record, tuple(again.T), fine)
         seconds = time.perf_counter() - began
         good = np.isin(record.status[0], list(status.SUCCESS))

@@ -36,28 +36,19 @@ class Symmetry(eqx.Module):
     @classmethod
     def of(cls, scene: Scene) -> "Symmetry":
         """The symmetries of the start that field and flow share."""
-        V_m = jnp.zeros(scene.x.shape[:2]) if scene.V_m is None else scene.V_m
-        x, V_m = lax.stop_gradient((scene.x[0], V_m[0]))
-        toward = x[0] - jnp.mean(x, axis=0)
-        size = jnp.linalg.norm(toward)
-        axis = toward / size
+        x, V_m = lax.stop_gradient((scene.x[0], None if scene.V_m is None else scene.V_m[0]))
+        axis = (x[0] - jnp.mean(x, axis=0)) / _size(x)
         parity, shared = jnp.ones(()), jnp.array(scene.flow is None)
         if scene.field is not None:
             direction = lax.stop_gradient(scene.field.unit_direction())
             along, across = jnp.abs(axis @ direction), jnp.abs(axis[0] * direction[1] - axis[1] * direction[0])
             parity = jnp.where(along > across, 1.0, -1.0)
             shared = shared & (jnp.minimum(along, across) < _KEPT)
-
-        def has(image, of_potential):
-            apart = jnp.maximum(jnp.max(jnp.abs(image - x)), jnp.max(jnp.abs(of_potential - V_m)))
-            return apart < _KEPT * size
-
-        return cls(
-            has(_about_center(x), _opposite(V_m)),
-            shared & has(_in_axis(x, axis), _mirrored(V_m, parity)),
-            axis,
-            parity,
+        all_ = cls(jnp.array(True), shared, axis, parity)
+        in_axis, about_center = (
+            wanted & _is_small(_missing(image, x, V_m), _KEPT * _size(x)) for wanted, *image in all_._images()
         )
+        return cls(about_center, in_axis, axis, parity)
 
     @property
     def kept(self) -> str:
@@ -70,17 +61,31 @@ class Symmetry(eqx.Module):
 
         What is further from symmetric than round-off can make it in a step was disturbed on purpose, and left alone.
         """
-        size = jnp.linalg.norm(x[0] - jnp.mean(x, axis=0))
-        for wanted, of_x, of_V_m in (
-            (self.in_axis, lambda x: _in_axis(x, self.axis), lambda V_m: _mirrored(V_m, self.parity)),
-            (self.about_center, _about_center, _opposite),
-        ):
-            image = of_x(x), None if V_m is None else of_V_m(V_m)
-            lost = lax.stop_gradient(jax.tree.map(jnp.subtract, image, (x, V_m)))
-            apart = jnp.max(jnp.stack([jnp.max(jnp.abs(leaf)) for leaf in jax.tree.leaves(lost)]))
-            given_back = wanted & (apart < _LOST * size)
+        size = _size(x)
+        for wanted, *image in self._images():
+            lost = lax.stop_gradient(_missing(image, x, V_m))
+            given_back = wanted & _is_small(lost, _LOST * size)
             x, V_m = jax.tree.map(lambda f, d, keep=given_back: f + jnp.where(keep, d, 0.0), (x, V_m), lost)
         return x, V_m
+
+    def _images(self):
+        """For each symmetry whether it is wanted, and the symmetric parts of x and of V_m as functions."""
+        yield self.in_axis, lambda x: _in_axis(x, self.axis), lambda V_m: _mirrored(V_m, self.parity)
+        yield self.about_center, _about_center, _opposite
+
+
+def _size(x: NodePoints) -> Scalar:
+    return jnp.linalg.norm(x[0] - jnp.mean(x, axis=0))
+
+
+def _missing(image, x: NodePoints, V_m: Nodes | None) -> tuple[NodePoints, Nodes | None]:
+    """What x and V_m lack to be symmetric; `image` has the symmetric part of each."""
+    of_x, of_V_m = image
+    return of_x(x) - x, None if V_m is None else of_V_m(V_m) - V_m
+
+
+def _is_small(parts, limit: Scalar) -> Bool[Array, ""]:
+    return jnp.max(jnp.stack([jnp.max(jnp.abs(part)) for part in jax.tree.leaves(parts)])) < limit
 
 
 def _about_center(x: NodePoints) -> NodePoints:
