@@ -142,20 +142,21 @@ def test_projection_is_worth_its_price():
     assert errors[False] > 2 * errors[True]
 
 
-def test_round_off_in_the_highest_modes_does_not_grow_to_what_the_tolerance_lets_pass():
-    """Steady treading at steps on the edge of stability: [μ] is steady to a few tolerances, with no more steps."""
+@pytest.mark.parametrize(("tolerance", "bound"), [(1e-4, 1e-4), (1e-3, 5e-3)])
+def test_round_off_in_the_highest_modes_does_not_grow_to_what_the_tolerance_lets_pass(tolerance, bound):
+    """Steady treading at steps on the edge of stability: [μ] is seen to be steady, with no more steps than without."""
 
     class Plain(Adaptive):
         def felt(self, equation, error, y):
             return jnp.max(jnp.abs(error.x))
 
     s = make_scene(shapes.ellipse(64, 0.7, angle=jnp.deg2rad(20.0)), flow=Shear(10.0))
-    tolerance, noise, steps = 1e-3, {}, {}
+    noise, steps = {}, {}
     for kind in (Adaptive, Plain):
         result = run(s, 4.0, kind(tolerance), saves=40)
         noise[kind] = float(jnp.ptp(result.diagnostics["effective_viscosity"][20:]))
         steps[kind] = int(result.state.steps + result.state.rejected)
-    assert noise[Adaptive] < 5 * tolerance and noise[Plain] > 20 * noise[Adaptive], noise
+    assert noise[Adaptive] < bound and noise[Plain] > 20 * noise[Adaptive], noise
     assert steps[Adaptive] < 1.1 * steps[Plain], steps
 
 
