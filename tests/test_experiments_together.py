@@ -2,11 +2,14 @@
 
 import importlib
 import inspect
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
 
 from experiments import __main__ as together
+from experiments import _running
 
 app = together.typer.Typer()
 app.command()(together.main)
@@ -40,7 +43,7 @@ def test_a_quick_run_calls_run_with_the_toy_arguments_and_names_what_failed(monk
     monkeypatch.setattr(solvers, "run", lambda **arguments: 1 / 0)
     monkeypatch.delattr(throughput, "QUICK")
     # In this process, where the replacements are.
-    monkeypatch.setattr(together, "outcomes", lambda chosen, quick: map(together.run_quickly, chosen))
+    monkeypatch.setattr(together, "outcomes", lambda chosen, quick: map(_running.run_quickly, chosen))
     found = answer("--quick", "shear", "solvers", "throughput")
     assert called == shear.QUICK
     assert found.exit_code == 1
@@ -49,10 +52,11 @@ def test_a_quick_run_calls_run_with_the_toy_arguments_and_names_what_failed(monk
     assert "1 done" in found.output
 
 
-def test_quick_runs_go_side_by_side_in_processes_of_their_own():
-    found = answer("--quick", "self_contact", "shear")
-    assert found.exit_code == 0, found.output
-    assert "self_contact: done" in found.output and "2 done" in found.output
+def test_the_command_runs_them_side_by_side_in_processes_of_their_own():
+    command = [sys.executable, "-m", "experiments", "--quick", "self_contact", "shear"]
+    ended = subprocess.run(command, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert "self_contact: done" in ended.stdout and "2 done" in ended.stdout
 
 
 def test_an_unknown_experiment_is_refused_with_those_that_exist():
