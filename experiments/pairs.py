@@ -22,7 +22,7 @@ from jaxves import plot
 RATIOS = (0.1, 0.3, 0.5, 0.8, 1.0, 2.0, 5.0)
 CONDUCTANCES = (0.0, 0.1, 1.0, 10.0)
 FILM = 0.03
-COLORS = {"chain": "C0", "oscillation": "C4", "circulation": "C1", "repulsion": "C3", "open": "0.6"}
+COLORS = {"chain": "C0", "oscillation": "C4", "circulation": "C1", "repulsion": "C3", "slanted": "C2", "open": "0.6"}
 QUICK = dict(ratios=(0.5, 2.0), conductances=(0.0,), nodes=(32,), ends={0.0: (0.5, 4)}, brief=(0.5, 4))
 
 

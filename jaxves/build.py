@@ -27,7 +27,7 @@ from .scenetables import (
     TabulatedTime,
     TimeTable,
 )
-from .vesicletables import CircleVesicle, EllipseVesicle, PointsVesicle, VesicleTable
+from .vesicletables import CircleVesicle, DeformableVesicle, EllipseVesicle, PointsVesicle, VesicleTable
 
 _NODES = 64  # to begin with, where the number is found while running ("auto")
 
@@ -53,7 +53,7 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
             x = shapes.rotated(shapes.circle(N, length=vesicle.length), angle)
         case PointsVesicle():
             x = _resampled(N, outlines.smooth(np.array(vesicle.points)), angle, vesicle.length)
-    if getattr(vesicle, "disturbance", None) is not None:
+    if isinstance(vesicle, DeformableVesicle) and vesicle.disturbance is not None:
         x = shapes.disturbed(x, vesicle.disturbance)
     return x + jnp.stack([as_float(component) for component in vesicle.center])
 

@@ -5,6 +5,7 @@
                   the last complete one at least half of the largest
     chain         it came to rest along the field: within ALIGNED of it for the last fifth of the time, in which it
                   moves by less than 2 SWING and the gap does not widen
+    slanted       it came to rest off that direction: within RESTING for as long, the membranes all but in touch
     repulsion     they move apart without turning: within TURNED of where the line was, as far apart as never before
     open          none of these yet
 
@@ -20,7 +21,9 @@ from jaxtyping import Float
 SWING = np.deg2rad(5.0)
 ALIGNED = np.deg2rad(15.0)
 TURNED = np.deg2rad(10.0)
-NAMES = ("open", "chain", "oscillation", "circulation", "repulsion")
+RESTING = np.deg2rad(1.0)
+TOUCHING = 0.1  # of the gap at the start
+NAMES = ("open", "chain", "oscillation", "circulation", "slanted", "repulsion")
 
 History = Float[np.ndarray, "T"]
 
@@ -55,9 +58,11 @@ def classify(t: History, angle: History, separation: History, gap: History, fiel
     if np.sum(sizes > SWING) >= 2 and sizes[-1] >= max(SWING, 0.5 * sizes.max()):
         return "oscillation"
     late = t >= t[-1] - 0.2 * (t[-1] - t[0])
-    at_rest = np.all(np.abs(delta[late]) < ALIGNED) and np.ptp(delta[late]) < 2 * SWING
-    if len(t) > 1 and at_rest and gap[-1] <= gap[late][0]:
+    closing = len(t) > 1 and gap[-1] <= gap[late][0]
+    if closing and np.all(np.abs(delta[late]) < ALIGNED) and np.ptp(delta[late]) < 2 * SWING:
         return "chain"
+    if closing and np.ptp(delta[late]) < RESTING and gap[-1] < TOUCHING * gap[0]:
+        return "slanted"
     apart = separation[-1] > separation[0] and separation[-1] == separation.max()
     if apart and np.all(np.abs(delta - delta[0]) < TURNED):
         return "repulsion"

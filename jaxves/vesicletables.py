@@ -43,7 +43,7 @@ class VesicleTable(Table):
         """The outline of the shape, of any size, angle and place."""
 
 
-class _Deformable(VesicleTable):
+class DeformableVesicle(VesicleTable):
     """What can be given no symmetry; a circle has no room for it."""
 
     disturbance: Finite | None = None  # amplitude of what breaks the symmetry of the shape (`shapes.disturbed`)
@@ -55,7 +55,7 @@ class _Deformable(VesicleTable):
         return self
 
 
-class EllipseVesicle(_Deformable):
+class EllipseVesicle(DeformableVesicle):
     """An ellipse of given reduced area Δ = 4πA/L²."""
 
     shape: Literal["ellipse"] = "ellipse"
@@ -74,7 +74,7 @@ class CircleVesicle(VesicleTable):
         return outlines.circle_polygon()
 
 
-class PointsVesicle(_Deformable):
+class PointsVesicle(DeformableVesicle):
     """A smooth closed curve through points, scaled to the length; clockwise ones are turned round.
 
     `file` is read at once and becomes `points`: a scene written back does not depend on other files.

@@ -38,6 +38,9 @@ HISTORIES = {
     "moving apart and turning": ("open", case(np.deg2rad(20) * (1 + T / 8), APART, APART - 1.4)),
     "aligned but parting": ("open", case(np.full(161, FIELD - 0.2) + 0.025 * T, APART, APART - 1.4)),
     "passing the field": ("open", case(FIELD - 0.9 + 0.14 * T)),
+    "at rest off the field, in touch": ("slanted", case(FIELD - 0.6 * np.tanh(T))),
+    "at rest off the field, apart": ("open", case(FIELD - 0.6 * np.tanh(T), gap=1.2 - 0.02 * T)),
+    "in touch off the field, still turning": ("open", case(FIELD - 0.6 + 0.02 * T)),
     "not there yet": ("open", case(np.deg2rad(20) + np.deg2rad(5) * T)),
 }
 
@@ -90,4 +93,4 @@ def test_a_result_is_classified_in_the_frame_of_its_field():
         return summary.pair_class(Record(t, *shapes, found, None, {}, "complete", scene))
 
     assert class_in([-1.0, 0.0]) == "chain"
-    assert class_in([0.0, 1.0]) == "open"
+    assert class_in([0.0, 1.0]) == "slanted"
