@@ -1,4 +1,9 @@
-"""Running experiments by name: at toy size in processes side by side, or in full one after the other."""
+"""Running experiments by name, each in a process of its own: at toy size side by side, in full one after the other.
+
+    python -m experiments._running NAME          # one at toy size: what the parent process calls
+
+A crash, or memory that is not given back, then stays with the one experiment.
+"""
 
 import contextlib
 import importlib
@@ -7,11 +12,11 @@ import os
 import subprocess
 import sys
 import time
-import traceback
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import NamedTuple
+
+_NO_QUICK = 3  # exit status
 
 
 class Outcome(NamedTuple):
@@ -23,27 +28,21 @@ class Outcome(NamedTuple):
 
 
 def run_quickly(name: str) -> Outcome:
-    """`run(**QUICK)` of one experiment; what it prints is dropped."""
-    import jax
-
+    """`run(**QUICK)` of one experiment; what it prints is dropped, but for a traceback."""
     start = time.perf_counter()
-    word = "done"
-    try:
-        module = importlib.import_module(f"experiments.{name}")
-        if hasattr(module, "QUICK"):
-            with contextlib.redirect_stdout(io.StringIO()):
-                module.run(**module.QUICK)
-        else:
-            word = "no QUICK"
-    except Exception as error:  # whatever one of them does, the others run
-        traceback.print_exc()
-        word = f"{type(error).__name__}: {error}".partition("\n")[0]
-    jax.clear_caches()
+    ended = subprocess.run([sys.executable, "-m", __name__, name], check=False, stderr=subprocess.PIPE, text=True)
+    if ended.returncode == 0:
+        word = "done"
+    elif ended.returncode == _NO_QUICK:
+        word = "no QUICK"
+    else:
+        sys.stderr.write(ended.stderr)
+        word = (ended.stderr.strip().splitlines() or [f"exit status {ended.returncode}"])[-1]
     return Outcome(name, word, time.perf_counter() - start)
 
 
 def run_fully(name: str) -> Outcome:
-    """`main()` of one experiment, in a process of its own."""
+    """`main()` of one experiment."""
     start = time.perf_counter()
     ended = subprocess.run([sys.executable, "-m", f"experiments.{name}"], check=False)
     word = "done" if ended.returncode == 0 else f"exit status {ended.returncode}"
@@ -51,13 +50,22 @@ def run_fully(name: str) -> Outcome:
 
 
 def outcomes(chosen: list[str], quick: bool) -> Iterator[Outcome]:
-    """One after the other as they end: in full each on all cores, at toy size side by side, since most is compiling."""
+    """As they end: in full each has all cores, at toy size each has one, since most of it is compiling."""
     if not quick:
         yield from map(run_fully, chosen)
         return
-    # Spawned processes do not import the `__main__` of a package: what they call stands in this module. Many programs
-    # in one process would fill its memory.
-    workers = min(len(chosen), os.cpu_count())
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), max_tasks_per_child=8) as pool:
+    with ThreadPoolExecutor(min(len(chosen), os.cpu_count())) as pool:
         for ended in as_completed([pool.submit(run_quickly, name) for name in chosen]):
             yield ended.result()
+
+
+def main() -> None:
+    module = importlib.import_module(f"experiments.{sys.argv[1]}")
+    if not hasattr(module, "QUICK"):
+        sys.exit(_NO_QUICK)
+    with contextlib.redirect_stdout(io.StringIO()):
+        module.run(**module.QUICK)
+
+
+if __name__ == "__main__":
+    main()

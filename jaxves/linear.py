@@ -69,12 +69,14 @@ class AbstractSolver(eqx.Module):
         """Does the work that all right-hand sides share."""
 
 
-def _one_by_one(function):
+def _one_by_one(function, together=None):
     """Batches a LAPACK call as a loop on CPUs, where JAX's batched calls can lock up.
 
     A batched call waits for helpers from the thread pool that it runs on itself; two at once, in a compiled loop,
-    wait for each other for ever (jaxlib 0.10). Other platforms batch as they like.
+    wait for each other for ever (jaxlib 0.10). Other platforms batch as they like, or by `together`, which does the
+    same as `function`.
     """
+    together = together or function
     single = jax.custom_batching.custom_vmap(function)
 
     @single.def_vmap
@@ -87,7 +89,7 @@ def _one_by_one(function):
             for arg, flag in zip(args, is_batched, strict=True)
         ]
         out = lax.platform_dependent(
-            *args, cpu=lambda *args: lax.map(lambda one: single(*one), args), default=jax.vmap(function)
+            *args, cpu=lambda *args: lax.map(lambda one: single(*one), args), default=jax.vmap(together)
         )
         return out, jax.tree.map(lambda _: True, out)
 
@@ -148,12 +150,21 @@ class AbstractFactoredDense(AbstractFactored):
         return Solution(x, krylov.relative_residual(b - self.operator.mv(x), b), jnp.int32(0))
 
 
-@_one_by_one
-def _eliminate(matrix, b):
+def _eliminated(matrix, b):
     """A⁻¹ b: eliminating the columns of [A b] leaves U and L⁻¹ P b."""
     n = matrix.shape[0]
     reduced, _, _ = lax.linalg.lu(jnp.concatenate([matrix, b[:, None]], axis=1))
     return lax.linalg.triangular_solve(reduced[:, :n], reduced[:, n:], left_side=True, lower=False)[:, 0]
+
+
+def _factored_and_solved(matrix, b):
+    """A⁻¹ b: GPU libraries factor many square matrices at once, oblong ones only one after the other."""
+    lu, _, order = lax.linalg.lu(matrix)
+    z = lax.linalg.triangular_solve(lu, b[order][:, None], left_side=True, lower=True, unit_diagonal=True)
+    return lax.linalg.triangular_solve(lu, z, left_side=True, lower=False)[:, 0]
+
+
+_eliminate = _one_by_one(_eliminated, together=_factored_and_solved)
 
 
 class Eliminated(AbstractFactored):

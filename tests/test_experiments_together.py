@@ -35,19 +35,31 @@ def test_the_list_names_every_experiment_with_the_minutes_of_the_readme():
     assert together.minutes()["shear"] == "3"
 
 
-def test_a_quick_run_calls_run_with_the_toy_arguments_and_names_what_failed(monkeypatch):
-    from experiments import shear, solvers, throughput
+def test_a_quick_run_calls_run_with_the_toy_arguments(monkeypatch):
+    from experiments import shear, throughput
 
     called = {}
     monkeypatch.setattr(shear, "run", lambda **arguments: called.update(arguments))
-    monkeypatch.setattr(solvers, "run", lambda **arguments: 1 / 0)
-    monkeypatch.delattr(throughput, "QUICK")
-    # In this process, where the replacements are.
-    monkeypatch.setattr(together, "outcomes", lambda chosen, quick: map(_running.run_quickly, chosen))
-    found = answer("--quick", "shear", "solvers", "throughput")
+    monkeypatch.setattr(sys, "argv", ["", "shear"])
+    _running.main()
     assert called == shear.QUICK
+    monkeypatch.delattr(throughput, "QUICK")
+    monkeypatch.setattr(sys, "argv", ["", "throughput"])
+    with pytest.raises(SystemExit) as ended:
+        _running.main()
+    assert ended.value.code == 3
+
+
+def test_what_failed_or_cannot_be_run_small_is_named_at_the_end(monkeypatch):
+    ended = [
+        _running.Outcome("shear", "done", 1.0),
+        _running.Outcome("throughput", "no QUICK", 1.0),
+        _running.run_quickly("solvers.no_such_part"),
+    ]
+    monkeypatch.setattr(together, "outcomes", lambda chosen, quick: ended)
+    found = answer("--quick")
     assert found.exit_code == 1
-    assert "failed: solvers: ZeroDivisionError" in found.output
+    assert "failed: solvers.no_such_part: ModuleNotFoundError" in found.output
     assert "no QUICK: throughput" in found.output
     assert "1 done" in found.output
 
