@@ -108,31 +108,76 @@ def run(cases=64, nodes=64, t_end=1.0, repeats=3, commands=3, batches=(1, 4, 16)
     return {"seconds per case": found, "ratios": ratios, "device": str(jax.devices()[0])}
 
 
-def on_gpu(cases=2048, nodes=64, t_end=1.0, batches=(1, 4, 16, 64, 256, 512, 1024, 2048)):
-    """Cases a second on one device by the size of the batch, until memory ends."""
+def outcomes_of(call) -> dict[str, np.ndarray]:
+    """Arrays of what became of all cases."""
+    parts = [part for _, part in call()]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def on_host(path, cases, nodes, t_end) -> None:
+    """Cases a second on all cores of this process, and their outcomes, into a file."""
     sweep_file, values = setting(nodes, t_end, cases)
-    found = {}
+    call = in_batches(sweep_file, values, jax.local_device_count(), "map", 4)
+    outcomes_of(call)
+    start = time.perf_counter()
+    found = outcomes_of(call)
+    np.savez(path, rate=cases / (time.perf_counter() - start), cores=jax.local_device_count(), **found)
+
+
+def by_host(cases, nodes, t_end) -> dict[str, np.ndarray]:
+    """`on_host`, in a process that sees no GPU."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "host.npz"
+        command = [sys.executable, "-m", "experiments.sweep_throughput", "--host", path, cases, nodes, t_end]
+        environment = os.environ | {"JAX_PLATFORMS": "cpu"}
+        subprocess.run([str(part) for part in command], check=True, env=environment)
+        return dict(np.load(path))
+
+
+def on_gpu(cases=2048, nodes=64, t_end=1.0, batches=(16, 256, 1024, 2048)):
+    """Cases a second on one device by the size of the batch, until memory ends, beside the cores of its host."""
+    host = by_host(cases, nodes, t_end)
+    print(f"{host['cores']} cores of the host: {host['rate']:.3g} cases/s", flush=True)
+    sweep_file, values = setting(nodes, t_end, cases)
+    rates, apart = {}, {}
     for batch in batches:
         few = values[: max(batch, min(cases, 4 * batch))]
         try:
             call = in_batches(sweep_file, few, 1, "vmap", batch)
         except sweepfile.SceneError as error:
-            found[batch] = str(error)
+            rates[batch] = str(error)
             break
-        call()
+        found = outcomes_of(call)
         start = time.perf_counter()
         call()
-        found[batch] = len(few) / (time.perf_counter() - start)
-    return {"cases per second": found, "device": str(jax.devices()[0])}
+        rates[batch] = len(few) / (time.perf_counter() - start)
+        same = found["status"] == host["status"][: len(few)]
+        D = "deformation_final"
+        apart[batch] = {
+            "other status": int(np.sum(~same)),
+            D: float(np.max(np.abs(found[D] - host[D][: len(few)])[same], initial=0)),
+        }
+        print(f"{batch} at a time: {rates[batch]:.3g} cases/s, {apart[batch]}", flush=True)
+    return {
+        "cases per second": rates,
+        "cases per second on the host": float(host["rate"]),
+        "cores of the host": int(host["cores"]),
+        "apart from the host": apart,
+        "device": jax.devices()[0].device_kind,
+    }
 
 
 def main():
     parser = argparse.ArgumentParser(description="Throughput of sweeps.")
     parser.add_argument("--gpu", action="store_true", help="cases per second against the size of a batch, by vmap")
-    if parser.parse_args().gpu:
+    parser.add_argument("--host", nargs=4, metavar=("FILE", "CASES", "NODES", "T_END"), help="what --gpu compares with")
+    wanted = parser.parse_args()
+    if wanted.host:
+        path, cases, nodes, t_end = wanted.host
+        on_host(path, int(cases), int(nodes), float(t_end))
+        return
+    if wanted.gpu:
         found = on_gpu()
-        for batch, rate in found["cases per second"].items():
-            print(batch, rate if isinstance(rate, str) else f"{rate:.3g} cases/s")
         store("sweep_throughput_gpu", found)
         return
     found = run()

@@ -22,6 +22,7 @@ from .potentials import far
 from .potentials.stokes import StokesBlocks
 
 _FEWEST = 16  # nodes of a rough sum
+_ON_ACCELERATOR = 32  # targets summed at once where many small kernels cost more than memory does
 _TOGETHER = 512  # unknowns of a surface quantity up to which one implicit matrix of all is worth its factors
 
 
@@ -96,8 +97,10 @@ class Summation(AbstractInteractions):
             left_out = left_out.reshape(M, *[1] * (density.ndim - 1))
             return potential(curves, jnp.where(left_out, 0.0, density), curves.x[target])
 
+        at_once = None if jax.default_backend() == "cpu" else _ON_ACCELERATOR
+
         def of_targets(targets, *shared):
-            return jax.lax.map(lambda target: at(*shared, target), targets)
+            return jax.lax.map(lambda target: at(*shared, target), targets, batch_size=at_once)
 
         shared = self.curves, self.near, density
         if self.mesh is None:

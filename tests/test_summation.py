@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import interactions, krylov, shapes
+from jaxves import interactions, krylov, shapes, summation
 from jaxves.curve import Curve
 from jaxves.equation import equation_for
 from jaxves.interactions import Pairwise
@@ -90,6 +90,19 @@ def test_scenes_side_by_side_are_solved_as_one_by_one():
     together, alone = jax.jit(jax.vmap(velocity))(moved), jax.jit(velocity)
     for x, found in zip(moved, together, strict=True):
         np.testing.assert_allclose(found, alone(x), atol=SOLVED * jnp.max(jnp.abs(found)))
+
+
+@pytest.mark.parametrize("at_once", [2, 32])
+def test_sums_for_several_targets_at_once_as_on_a_gpu_are_the_same(monkeypatch, at_once):
+    scene, y = row_of(3, 16)
+
+    def velocity():
+        return jax.jit(lambda: equation_for(scene, coupling=MatrixFree(1)).rate(jnp.zeros(()), y).x)()
+
+    alone = velocity()
+    monkeypatch.setattr(summation, "_ON_ACCELERATOR", at_once)
+    monkeypatch.setattr(summation.jax, "default_backend", lambda: "gpu")
+    np.testing.assert_allclose(velocity(), alone, atol=SOLVED * jnp.max(jnp.abs(alone)))
 
 
 @jax.jit
