@@ -50,11 +50,11 @@ def test_a_quick_run_calls_run_with_the_toy_arguments(monkeypatch):
     assert ended.value.code == 3
 
 
-def test_what_failed_or_cannot_be_run_small_is_named_at_the_end(monkeypatch):
+def test_what_failed_or_cannot_be_run_small_is_named_at_the_end(monkeypatch, tmp_path):
     ended = [
         _running.Outcome("shear", "done", 1.0),
         _running.Outcome("throughput", "no QUICK", 1.0),
-        _running.run_quickly("solvers.no_such_part"),
+        _running.run_quickly("solvers.no_such_part", str(tmp_path)),
     ]
     monkeypatch.setattr(together, "outcomes", lambda chosen, quick: ended)
     found = answer("--quick")
