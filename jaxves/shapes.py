@@ -5,11 +5,13 @@ ellipse on its reduced area Δ is smooth for Δ < 1; at Δ = 1, ∂x/∂Δ is in
 """
 
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+from jax import lax
 from jaxtyping import Array, Float
 
 from . import curve, fourier, outlines
@@ -24,26 +26,44 @@ def circle(N: int, *, length: ScalarLike = 1.0) -> NodePoints:
     return as_float(length) * jnp.stack([jnp.cos(alpha), jnp.sin(alpha)], axis=-1)
 
 
+_FLATTEST = 1e-3  # b/a
+
+
+def _root(residual: Callable[[Scalar], Scalar], solver: optx.AbstractRootFinder, guess: Scalar, **how) -> Scalar:
+    """Where the residual vanishes; differentiates implicitly in what it closes over.
+
+    The derivative is JAX's: Optimistix's own checks its linear solve by a callback, and programs with callbacks are
+    never kept in the cache of compiled ones.
+    """
+
+    def solve(residual, guess):
+        return optx.root_find(lambda x, _: residual(x), solver, guess, throw=False, **how).value
+
+    return lax.custom_root(residual, guess, solve, lambda slope, y: y / slope(jnp.ones_like(y)))
+
+
 def _unit_ellipse(ratio: Scalar, N: int) -> NodePoints:
     alpha = fourier.grid(N)
     return jnp.stack([jnp.cos(alpha), ratio * jnp.sin(alpha)], axis=-1)
 
 
 def _aspect_ratio(reduced_area: Scalar) -> Scalar:
-    """b/a of the ellipse with 4πA/L² = `reduced_area`; differentiates implicitly."""
+    """b/a of the ellipse with 4πA/L² = `reduced_area`, NaN where there is none; differentiates implicitly."""
     alpha = fourier.grid(_FINE)
 
-    def residual(ratio, target):
+    def area(ratio):
         length = 2 * jnp.pi * jnp.mean(jnp.sqrt(jnp.sin(alpha) ** 2 + (ratio * jnp.cos(alpha)) ** 2))
-        return 4 * jnp.pi**2 * ratio / length**2 - target
+        return 4 * jnp.pi**2 * ratio / length**2
 
-    solver = optx.Bisection(rtol=1e-15, atol=1e-15)
-    options = dict(lower=1e-3, upper=1.0)
+    # Told that the residual rises: to find out takes a callback (see `_root`).
+    solver = optx.Bisection(rtol=1e-15, atol=1e-15, flip=False)
     at_circle = reduced_area >= 1.0
     # The bracket of a bisection must change sign; a circle is its end point and needs no search.
     target = jnp.where(at_circle, 0.5, reduced_area)
-    ratio = optx.root_find(residual, solver, as_float(0.5), args=target, options=options, max_steps=64, throw=False)
-    return jnp.where(at_circle, 1.0, ratio.value)
+    bracket = dict(lower=_FLATTEST, upper=1.0)
+    ratio = _root(lambda ratio: area(ratio) - target, solver, as_float(0.5), max_steps=64, options=bracket)
+    exists = reduced_area > area(_FLATTEST)
+    return jnp.where(at_circle, 1.0, jnp.where(exists, ratio, jnp.nan))
 
 
 @functools.partial(jax.jit, static_argnames="N")
@@ -56,7 +76,7 @@ def ellipse(
 ) -> NodePoints:
     """Ellipse of given reduced area Δ in (0, 1] and perimeter, major axis at `angle` radians from x.
 
-    Differentiable in all three numbers (in Δ for Δ < 1).
+    Differentiable in all three numbers (in Δ for Δ < 1). NaN for Δ below 0.0026, where sides would touch.
     """
     ratio = _aspect_ratio(as_float(reduced_area))
     x = equispaced(_unit_ellipse(ratio, _FINE), N)
@@ -73,14 +93,13 @@ def _flattening(excess: Scalar) -> Scalar:
     F = 1 + m P, excess = n √(1 + P (F + 1)) / F: the square root of nothing that vanishes.
     """
 
-    def residual(n, target):
+    def residual(n):
         m = n**2
         P = jnp.polyval(jnp.asarray(_PERIMETER[::-1]), m)
         F = 1 + m * P
-        return n * jnp.sqrt(1 + P * (F + 1)) / F - target
+        return n * jnp.sqrt(1 + P * (F + 1)) / F - excess
 
-    solver = optx.Newton(rtol=1e-14, atol=1e-15)
-    return optx.root_find(residual, solver, excess / jnp.sqrt(1.5), args=excess, max_steps=24, throw=False).value
+    return _root(residual, optx.Newton(rtol=1e-14, atol=1e-15), excess / jnp.sqrt(1.5), max_steps=24)
 
 
 @functools.partial(jax.jit, static_argnames="N")
@@ -130,15 +149,13 @@ def equispaced(x: Float[Array, "K 2"], N: int) -> NodePoints:
     wanted = total * fourier.grid(N)
     start = jnp.interp(wanted, total * fourier.grid(K) + periodic, fourier.grid(K))
 
-    def residual(alpha, data):
-        wanted, total, modes = data
-        return total * alpha + fourier.series(modes, alpha[None])[0] - wanted
-
-    data = total, fourier.coefficients(periodic)
+    modes = fourier.coefficients(periodic)
 
     def parameter(wanted, guess):
-        solver = optx.Newton(rtol=1e-14, atol=1e-14)
-        return optx.root_find(residual, solver, guess, args=(wanted, *data), max_steps=16, throw=False).value
+        def residual(alpha):
+            return total * alpha + fourier.series(modes, alpha[None])[0] - wanted
+
+        return _root(residual, optx.Newton(rtol=1e-14, atol=1e-14), guess, max_steps=16)
 
     return fourier.evaluate(x, jax.vmap(parameter)(wanted, start))
 

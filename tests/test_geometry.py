@@ -74,6 +74,11 @@ def test_ellipse_has_the_reduced_area_and_perimeter_asked_for(reduced_area):
         np.testing.assert_allclose(curve.inclination(c), 0.3, atol=1e-10)
 
 
+@pytest.mark.parametrize("reduced_area", [0.001, -1.0, np.nan])
+def test_an_ellipse_that_does_not_exist_is_not_a_number(reduced_area):
+    assert np.all(np.isnan(shapes.ellipse(16, reduced_area)))
+
+
 def test_a_slender_ellipse_approaches_its_reduced_area_spectrally():
     errors = [abs(curve.reduced_area(Curve.from_nodes(shapes.ellipse(N, 0.4))) / 0.4 - 1) for N in (64, 128, 256)]
     assert errors[1] < 0.1 * errors[0]

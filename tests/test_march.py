@@ -247,3 +247,12 @@ def test_a_batch_of_scenes_is_the_scenes_one_by_one():
         alone, count = jax.jit(outcome)(betas[i])
         assert steps[i] == count
         np.testing.assert_allclose(x[i], alone, atol=1e-10)
+
+
+def test_a_scene_is_built_and_run_without_callbacks_so_that_its_program_can_be_kept_on_disk():
+    def work(reduced_area):
+        field = dc_field(3.2, conductivity_ratio=0.1)
+        scene = make_scene(shapes.ellipse(16, reduced_area), field=field, flow=Shear(1.0))
+        return jnp.sum(simulate(scene, 0.1, march=Adaptive(1e-3)).x)
+
+    assert "callback" not in jax.jit(jax.value_and_grad(work)).lower(0.9).as_text()
