@@ -37,7 +37,7 @@ def resolved(nodes, film: float, t_end: float, saves: int, *, turned: float = 27
     """The history of a pair, and its class: with the first of `nodes` that resolve it to the end, or else the last.
 
     With more than the first of them the tolerance is a hundredth: what it leaves in the tension roughens thin films.
-    Ends early once the class is known: in line with the gap below `film`, or turned by `turned` degrees. Where all
+    Ends early once the class is known: at rest with the gap below `film`, or turned by `turned` degrees. Where all
     end as unresolved and leave the class open, the first goes on all the same, with "film" as its word.
     """
     for N in nodes:
@@ -93,16 +93,18 @@ def history(
     """Marches a pair; what happened, by name, saved times first.
 
     Ends early ("settled") once the gap is below `thinnest` and the line of centres along the field to 3 degrees for
-    the last `together` saves, or once that line has turned by `turned` degrees.
+    the last `together` saves, or at rest off that direction, or once that line has turned by `turned` degrees.
     Angles in degrees: `angle` of the line of centres, followed in time, `dipole_angle` of each vesicle's dipole.
     """
     times = t_end * np.arange(1, saves + 1) / saves
 
     def settled(rows):
-        angle, _ = _line(rows)
+        angle, separation = _line(rows)
+        gap = rows["diagnostics/min_gap"]
         tilt = (angle[-together:] - np.rad2deg(FIELD) + 90) % 180 - 90
-        in_line = rows["diagnostics/min_gap"][-1] < thinnest and np.all(np.abs(tilt) < 3)
-        return in_line or abs(angle[-1] - angle[0]) > turned
+        known = {"t": rows["t"], "angle": angle, "separation": separation, "min_gap": gap}
+        at_rest = np.all(np.abs(tilt) < 3) or classified(known) == "slanted"
+        return (gap[-1] < thinnest and at_rest) or abs(angle[-1] - angle[0]) > turned
 
     march = Adaptive(1e-4) if march is None else march
     state, rows, _ = _common.march(setting, march, times, checks=checks, together=together, until=settled)
