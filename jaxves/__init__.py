@@ -94,10 +94,13 @@ _LAYERS = {
     "plot": (),
     "sweepplot": (),
     # the command line
+    "console": (),
     "template": (),
     "conversion": (),
     "summary": (),
     "sweepsummary": (),
+    "longwork": (),
+    "pictures": (),
     "cli": (),
 }
 _HOME = {name: module for module, names in _LAYERS.items() for name in names}

@@ -11,7 +11,8 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Until a run has begun there is nothing to keep, and half imported extensions may crash when they are left.
     signal.signal(signal.SIGINT, lambda signum, frame: os._exit(130))
-    from .cli import INTERRUPTED, answer
+    from .cli import answer
+    from .console import INTERRUPTED
 
     status = answer(sys.argv[1:] if arguments is None else arguments)
     if status == INTERRUPTED:

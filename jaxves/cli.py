@@ -1,27 +1,17 @@
-"""Commands: run, sweep, show, plot, scenes, init, units.
+"""Commands: run, sweep, show, plot, check-grad, scenes, init, units. `jaxves.console` has the exit statuses.
 
-Exit status: 0 done, 2 bad input, 3 broke down, 130 interrupted.
-
-Nothing here computes; modules that import JAX are imported inside the commands that need them, after the input
-has been checked.
+Nothing here computes; modules that import JAX are imported inside what needs them, after the input has been checked.
 """
 
-import enum
 import math
-import os
-import signal
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from . import __version__, status, store, sweepfile, sweepstore, sweepsummary
-from .scenefile import SceneError, SceneFile, builtin_names, load, to_toml
+from . import __version__, console, longwork, pictures, status, store, sweepfile, sweepstore, sweepsummary
+from .pictures import Picture
+from .scenefile import SceneError, builtin_names, load, to_toml
 from .store import Record, StoreError
 from .summary import derivatives, summary
 from .sweepstore import SweepRecord
@@ -32,10 +22,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Vesicles in two-dimensional Stokes flow under electric fields. Start with: jaxves run pop --out pop.h5",
 )
-_out = Console(highlight=False, soft_wrap=True)
-_err = Console(stderr=True, highlight=False, soft_wrap=True)
-
-BAD_INPUT, BROKE_DOWN, INTERRUPTED = 2, 3, 130
 _UsageError = typer.BadParameter.__base__  # typer has it in different places
 
 Force = Annotated[bool, typer.Option("--force", help="Replace what is there already.")]
@@ -46,33 +32,14 @@ def answer(arguments: list[str]) -> int:
     try:
         return app(arguments or ["--help"], prog_name="jaxves", standalone_mode=False) or 0
     except _UsageError as error:
-        return _refuse(error.format_message()).exit_code
+        return console.refused(error.format_message()).exit_code
     except (KeyboardInterrupt, typer.Abort):
-        return INTERRUPTED
-
-
-def _say(message: object) -> None:
-    _err.print(f"jaxves: {' '.join(str(message).split())}", markup=False)
-
-
-def _refuse(message: object) -> typer.Exit:
-    _say(message)
-    return typer.Exit(BAD_INPUT)
-
-
-def _refuse_existing(paths: list[Path], force: bool, remedy: str = "use --force to replace it") -> None:
-    for path in paths:
-        if path.exists() and not force:
-            raise _refuse(f"{path} exists already: {remedy}.")
-        if path.is_dir():
-            raise _refuse(f"{path} is a folder, expected the name of a file.")
-        if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
-            raise _refuse(f"{path.parent} is not a folder that can be written to.")
+        return console.INTERRUPTED
 
 
 def _version(wanted: bool) -> bool:
     if wanted:
-        _out.print(__version__)
+        console.out.print(__version__)
         raise typer.Exit
     return wanted
 
@@ -95,49 +62,21 @@ def run(
     try:
         scene_file = load(scene)
         if force and resume:
-            raise _refuse("--force replaces the result file and --resume continues it: give one of them.")
+            raise console.refused("--force replaces the result file and --resume continues it: give one of them.")
         if resume and store.is_done(out, to_toml(scene_file)):
-            _out.print(f"{out} is done ({store.load(out).status}): there is nothing to resume.")
+            console.out.print(f"{out} is done ({store.load(out).status}): there is nothing to resume.")
             return
     except (SceneError, StoreError) as error:
-        raise _refuse(error) from None
+        raise console.refused(error) from None
     if not resume:
-        _refuse_existing([out], force, "use --force to replace it or --resume to continue it")
+        console.refuse_existing([out], force, "use --force to replace it or --resume to continue it")
 
-    word = _simulate(scene_file, out, force, resume)
+    word = longwork.simulate(scene_file, out, force, resume)
     _summarise(store.load(out), out)
     if word == status.WORDS[status.INTERRUPTED]:
-        raise typer.Exit(INTERRUPTED)
+        raise typer.Exit(console.INTERRUPTED)
     if word not in status.SUCCESS:
-        raise typer.Exit(BROKE_DOWN)
-
-
-def _simulate(scene_file: SceneFile, out: Path, force: bool, resume: bool) -> str:
-    columns = (
-        TextColumn("t = {task.completed:.3g} / {task.total:.3g}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=_err, transient=True) as bar, _heard_interrupts() as pressed:
-        task = bar.add_task("starting", total=scene_file.t_end)
-
-        def show(t: float, text: str) -> None:
-            if pressed:
-                raise KeyboardInterrupt
-            bar.update(task, completed=t, description=text)
-
-        _keep_compiled()
-        from . import runner
-
-        try:
-            return runner.run(scene_file, out, force=force, resume=resume, progress=show)
-        except StoreError as error:
-            raise _refuse(error) from None
-        except runner.Broken as error:
-            _say(error)
-            raise typer.Exit(BROKE_DOWN) from None
+        raise typer.Exit(console.BROKE_DOWN)
 
 
 @app.command()
@@ -157,131 +96,41 @@ def sweep(
     """Compute many cases of one scene."""
     by_hand = (coordinator, processes, process)
     if any(part is not None for part in by_hand) and None in by_hand:
-        raise _refuse("--coordinator, --processes and --process belong together: give all of them.")
+        raise console.refused("--coordinator, --processes and --process belong together: give all of them.")
     try:
         sweepfile.load(file)
     except SceneError as error:
-        raise _refuse(error) from None
+        raise console.refused(error) from None
     if not resume and (process or 0) == 0 and not distributed:
-        _refuse_existing([out], force, "use --force to replace it or --resume to continue it")
-    _use_all_cores(devices)
-    _keep_compiled()
+        console.refuse_existing([out], force, "use --force to replace it or --resume to continue it")
+    longwork.use_all_cores(devices)
+    longwork.keep_compiled()
     if distributed or coordinator:
         import jax
 
         jax.distributed.initialize(coordinator, processes, process)
-    record = _sweep(file, out, force=force, resume=resume, devices=devices, batch=batch, method=method)
+    record = longwork.sweep(file, out, force=force, resume=resume, devices=devices, batch=batch, method=method)
     if record is not None:
         _summarise(record, out)
-
-
-def _sweep(file: Path, out: Path, **how) -> SweepRecord | None:
-    """The record, on the first of several processes."""
-    from . import sweeping, team
-
-    columns = (
-        TextColumn("{task.completed} of {task.total} {task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    bars = Progress(*columns, console=_err, transient=True, disable=not team.is_first(), speed_estimate_period=600)
-    with bars as bar, _heard_interrupts() as pressed:
-        task = bar.add_task("compiling", total=None, rate="")
-        there = []
-
-        def show(done: int, total: int, text: str) -> None:
-            if pressed:
-                raise KeyboardInterrupt
-            if text != "compiling":
-                there.append((time.monotonic(), done))
-            (began, first), (now, _) = (there[0], there[-1]) if there else ((0, 0), (0, 0))
-            rate = f"{(done - first) / (now - began):.3g}/s" if now > began else ""
-            bar.update(task, completed=done, total=total, description=text, rate=rate)
-
-        try:
-            record = sweeping.sweep(file, out, progress=show, **how)
-        except (SceneError, StoreError) as error:
-            raise _refuse(error) from None
-    if not team.is_first():
-        return None
-    before = sweepstore.count_computed(record.status) - record.computed
-    _out.print(f"{record.computed} cases computed now, {before} were there")
-    return record
-
-
-def _use_all_cores(devices: int | None) -> None:
-    """One device for each core: JAX takes the whole machine for one. To be called before JAX starts."""
-    flag = "--xla_force_host_platform_device_count"
-    given = os.environ.get("XLA_FLAGS", "")
-    if flag not in given:
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        os.environ["XLA_FLAGS"] = f"{given} {flag}={devices or cores}".strip()
-
-
-@contextmanager
-def _heard_interrupts() -> Iterator[list]:
-    """Ctrl-C is remembered, for whoever shows progress, and raised at once where only code of this package runs.
-
-    Raised inside a callback of JAX it would be dropped, or crash what does not expect it.
-    """
-    pressed = []
-    here = os.path.dirname(__file__)
-
-    def hear(signum, frame):
-        pressed.append(signum)
-        if frame is not None and os.path.dirname(frame.f_code.co_filename) == here:
-            raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, hear)
-    try:
-        yield pressed
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _keep_compiled() -> None:
-    """Compiled programs are kept between runs, apart for each jaxlib, whose formats differ."""
-    import jax
-    import jaxlib
-
-    if jax.config.jax_compilation_cache_dir is None:
-        folder = Path.home() / ".cache" / "jaxves" / f"jaxlib-{jaxlib.__version__}"
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
 def _summarise(record: Record | SweepRecord, path: Path) -> None:
     told = sweepsummary.summary if isinstance(record, SweepRecord) else summary
     for part in told(record, path):
-        _out.print(part, markup=False)
+        console.out.print(part, markup=False)
 
 
 def _loaded(path: Path) -> Record | SweepRecord:
     try:
         return sweepstore.load(path) if sweepstore.is_sweep(path) else store.load(path)
     except StoreError as error:
-        raise _refuse(error) from None
+        raise console.refused(error) from None
 
 
 @app.command()
 def show(file: Annotated[Path, typer.Argument(help="A result file.")]) -> None:
     """Summarise a result in a few lines."""
     _summarise(_loaded(file), file)
-
-
-class Picture(enum.StrEnum):
-    """What can be drawn of a result."""
-
-    snapshots = "snapshots"
-    history = "history"
-    streamlines = "streamlines"
-    field_lines = "field-lines"
-    animation = "animation"
-    phases = "phases"
-    map = "map"
-    curves = "curves"
 
 
 @app.command()
@@ -299,78 +148,11 @@ def plot(
     force: Force = False,
 ) -> None:
     """Draw a result: FILE-snapshots.png and so on."""
-    record = _loaded(file)
+    record, stem = _loaded(file), out or file.with_suffix("")
     if isinstance(record, SweepRecord):
-        return _plot_sweep(record, file, what, quantity, out or file.with_suffix(""), force)
-    if unsuited := _SWEPT & set(what or ()):
-        raise _refuse(f"--what = {min(unsuited)}, expected another picture: {file} is not the file of a sweep.")
-    if len(record.t) == 0:
-        raise _refuse(f"{file} holds no saved time: there is nothing to draw.")
-    at = float(record.t[-1]) if at is None else at
-    if not record.t[0] <= at <= record.t[-1]:
-        raise _refuse(f"--at = {at}, expected a time in [{record.t[0]:.6g}, {record.t[-1]:.6g}].")
-    pictures = what or [Picture.snapshots, Picture.history]
-    if Picture.field_lines in pictures and record.V_m is None:
-        raise _refuse(f"--what = field-lines, expected another picture: {file} holds no field.")
-    stem = out or file.with_suffix("")
-    targets = {
-        picture: stem.with_name(f"{stem.name}-{picture}.{'gif' if picture == Picture.animation else 'png'}")
-        for picture in pictures
-    }
-    _refuse_existing(list(targets.values()), force)
-    for picture, target in targets.items():
-        _draw(record, picture, at, target)
-        _out.print(f"drew {target}", markup=False)
-
-
-_SWEPT = {Picture.phases, Picture.map, Picture.curves}
-
-
-def _plot_sweep(
-    record: SweepRecord, file: Path, what: list[Picture] | None, quantity: str | None, stem: Path, force: bool
-) -> None:
-    for picture in what or ():
-        if picture not in _SWEPT:
-            raise _refuse(f"--what = {picture}, expected phases, map or curves: {file} is the file of a sweep.")
-    if what is None:
-        if len(record.coordinates) == 1:
-            what = [Picture.curves]
-        else:
-            what = [Picture.phases] if record.classes is not None and quantity is None else [Picture.map]
-    from . import sweepplot
-
-    names = {picture: f"{quantity}-" if quantity and picture != Picture.phases else "" for picture in what}
-    targets = {picture: stem.with_name(f"{stem.name}-{names[picture]}{picture}.png") for picture in what}
-    _refuse_existing(list(targets.values()), force)
-    draws = {
-        Picture.phases: lambda: sweepplot.phase_diagram(record),
-        Picture.map: lambda: sweepplot.quantity_map(record, quantity),
-        Picture.curves: lambda: sweepplot.curves(record, quantity),
-    }
-    for picture, target in targets.items():
-        try:
-            figure = draws[picture]()
-        except ValueError as error:
-            raise _refuse(error) from None
-        figure.savefig(target)
-        _out.print(f"drew {target}", markup=False)
-
-
-def _draw(record: Record, picture: Picture, at: float, target: Path) -> None:
-    from . import plot as plotting
-
-    match picture:
-        case Picture.animation:
-            plotting.animation(record, target)
-        case Picture.snapshots:
-            plotting.snapshots(record).savefig(target)
-        case Picture.history:
-            plotting.history(record).savefig(target)
-        case _:
-            from .problem import reconstructed
-
-            lines = plotting.field_lines if picture == Picture.field_lines else plotting.streamlines
-            lines(*reconstructed(record, at)).savefig(target)
+        pictures.of_sweep(record, file, what, quantity, stem, force)
+    else:
+        pictures.of_run(record, file, what, at, stem, force)
 
 
 @app.command("check-grad")
@@ -383,29 +165,31 @@ def check_grad(
     try:
         scene_file = load(scene)
     except SceneError as error:
-        raise _refuse(error) from None
+        raise console.refused(error) from None
     if not (math.isfinite(t_end) and t_end > 0):
-        raise _refuse(f"--t-end = {t_end}, expected a positive finite number.")
-    _keep_compiled()
+        raise console.refused(f"--t-end = {t_end}, expected a positive finite number.")
+    longwork.keep_compiled()
     from . import gradcheck
 
-    with _err.status("running") as said:
+    with console.err.status("running") as said:
         try:
             rows = list(gradcheck.check(scene_file, t_end, steps, progress=said.update))
         except gradcheck.BrokenDown as word:
-            _say(f"the run to be differentiated ends as {word}: give it more nodes, more --steps or a smaller --t-end.")
-            raise typer.Exit(BROKE_DOWN) from None
+            console.say(
+                f"the run to be differentiated ends as {word}: give it more nodes, more --steps or a smaller --t-end."
+            )
+            raise typer.Exit(console.BROKE_DOWN) from None
     for part in derivatives(rows):
-        _out.print(part)
+        console.out.print(part)
     if any(row.verdict == "DISAGREE" for row in rows):
-        raise typer.Exit(BROKE_DOWN)
+        raise typer.Exit(console.BROKE_DOWN)
 
 
 @app.command()
 def scenes() -> None:
     """List the built-in scenes."""
     for name, text in builtin_names().items():
-        _out.print(f"{name:15} {text}", markup=False)
+        console.out.print(f"{name:15} {text}", markup=False)
 
 
 @app.command()
@@ -413,9 +197,11 @@ def init(
     file: Annotated[Path, typer.Argument(help="The scene file to write.")] = Path("scene.toml"), force: Force = False
 ) -> None:
     """Write a commented scene file to start from."""
-    _refuse_existing([file], force)
+    console.refuse_existing([file], force)
     file.write_text(TEMPLATE, encoding="utf-8")
-    _out.print(f"wrote {file}; simulate it with: jaxves run {file} --out {file.with_suffix('.h5')}", markup=False)
+    console.out.print(
+        f"wrote {file}; simulate it with: jaxves run {file} --out {file.with_suffix('.h5')}", markup=False
+    )
 
 
 @app.command()
@@ -442,9 +228,9 @@ def units(
         may_vanish = name in ("E", "sigma_i", "G_m", "shear_rate")
         if not math.isfinite(value) or (value < 0 and name != "shear_rate") or (value == 0 and not may_vanish):
             wanted = "a finite number" if name == "shear_rate" else f"a finite number {'>=' if may_vanish else '>'} 0"
-            raise _refuse(f"--{name.replace('_', '-')} = {value}, expected {wanted}.")
+            raise console.refused(f"--{name.replace('_', '-')} = {value}, expected {wanted}.")
     from .conversion import conversion
     from .units import Physical
 
     for part in conversion(Physical(**quantities)):
-        _out.print(part, markup=False)
+        console.out.print(part, markup=False)

@@ -1,0 +1,37 @@
+"""What all commands say, and how they end.
+
+Exit status: 0 done, 2 bad input, 3 broke down, 130 interrupted.
+"""
+
+import os
+from pathlib import Path
+
+import typer
+from rich.console import Console
+
+BAD_INPUT, BROKE_DOWN, INTERRUPTED = 2, 3, 130
+
+out = Console(highlight=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def say(message: object) -> None:
+    """One line beside the output."""
+    err.print(f"jaxves: {' '.join(str(message).split())}", markup=False)
+
+
+def refused(message: object) -> typer.Exit:
+    """Says what is wrong with the input; to be raised."""
+    say(message)
+    return typer.Exit(BAD_INPUT)
+
+
+def refuse_existing(paths: list[Path], force: bool, remedy: str = "use --force to replace it") -> None:
+    """Before anything slow: files that are there already, or could not be written."""
+    for path in paths:
+        if path.exists() and not force:
+            raise refused(f"{path} exists already: {remedy}.")
+        if path.is_dir():
+            raise refused(f"{path} is a folder, expected the name of a file.")
+        if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+            raise refused(f"{path.parent} is not a folder that can be written to.")
