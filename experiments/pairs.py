@@ -1,10 +1,10 @@
 """Do two vesicles chain, oscillate or circulate as Λ and G vary, and which way do they turn?
 
-    python -m experiments.pairs          # most of an hour: table, two figures, data/pairs.json
+    python -m experiments.pairs          # half an hour: table, two figures, data/pairs.json
 
 Δ = 0.9, β = 3.2, Ca = 0, as in the paper; centres 2.6 a apart, 20° from the horizontal; `jaxves.pairphases` has the
-classes. A run ends when its class is known: at a film of 0.03 a or after three quarters of a turn. Where 64 nodes do
-not resolve the film, 96 and 128 follow.
+classes. A run ends when its class is known: at rest with a film of 0.03 a, or after three quarters of a turn. Where
+64 nodes do not resolve the film, 128 follow.
 
 What to expect: without conductance (G = 0) a chain along the field at small Λ, at Λ = 0.3 swings that do not die away,
 from Λ = 0.5 on circulation, counter-clockwise up to Λ = 1 and clockwise beyond. A conducting membrane is charged no

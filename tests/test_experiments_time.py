@@ -71,6 +71,8 @@ def test_convergence_compares_schemes_with_one_reference():
     rough, fine = tables["ARK4"]["shape"]
     assert fine < rough < min(10 * 1e-3, tables["Euler"]["shape"][0])
     assert tables["ARK4"]["rates"][0] >= 6 * tables["ARK4"]["steps"][0]
+    assert len(found["amplification"]) == 5
+    assert all(0 < grown < 1 for grown in found["amplification"].values())  # treading forgets its start
     convergence.draw({"tank-treading": found})
 
 
@@ -104,12 +106,11 @@ def test_a_long_run_keeps_area_perimeter_and_spacing():
 
 @pytest.mark.parametrize("name", ["convergence", "stability"])
 def test_stored_numbers_keep_what_the_experiments_promise(name):
-    """No cell wrong but one after budding that README.md names; POP at 1/500 of the first-order time; 1e-8 reached."""
+    """No cell wrong; POP at 1/500 of the first-order time; 1e-8 reached."""
     data = json.loads((HERE / "data" / f"{name}.json").read_text())["data"]
     if name == "stability":
         groups = [cells for group, cells in data.items() if group != "largest step"]
-        wrong = {label for cells in groups for label, cell in cells.items() if cell["verdict"] == "wrong"}
-        assert wrong <= {"Δ=0.5 χ=0.01 β=100 N=512"}
+        assert not {label for cells in groups for label, cell in cells.items() if cell["verdict"] == "wrong"}
         return
     tables = data["POP"]["nodes"]["64"]
     euler, _ = convergence.seconds_for(tables["Euler"], 1e-4)
