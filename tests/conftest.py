@@ -4,10 +4,11 @@ import ctypes
 import os
 import sys
 
-# Small LAPACK calls and small products are slower on two threads than on one, the more so beside other tests; set
-# before NumPy loads and JAX starts.
+# Small LAPACK calls and small products are slower on two threads than on one, the more so beside other tests; and most
+# of the time of the tests is compiling, of which machine code that is not optimised takes a third less. Set before
+# NumPy loads and JAX starts.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false --xla_backend_optimization_level=0")
 
 import h5py
 import jax
