@@ -1,6 +1,6 @@
 """Does a pair's class depend on where it starts, or on how deflated the vesicles are?
 
-    python -m experiments.pair_insensitivity          # tens of minutes: tables, a figure, data/pair_insensitivity.json
+    python -m experiments.pair_insensitivity          # 40 minutes: tables, a figure, data/pair_insensitivity.json
 
 G = 0, Ca = 0, centres 2.6 a apart (3 a at Δ = 0.99); β = 3.2, 4.8, 2.4 at Δ = 0.9, 0.7, 0.99, as in the paper.
 
@@ -45,8 +45,8 @@ def draw(found) -> Figure:
     for (kind, ratio, value), case in found.items():
         column = axes[:, ratios.index(ratio)]
         if kind == "offset":
-            column[0].plot(case["t"], case["angle"], label=f"{value:g}°", lw=1.0)
-            column[0].set_title(rf"$\Lambda = {ratio:g}$: {case['class']}", color=COLORS[case["class"]])
+            column[0].plot(case["t"], case["angle"], label=f"{value:g}°: {case['class']}", lw=1.0)
+            column[0].set_title(rf"$\Lambda = {ratio:g}$")
             continue
         ax = column[1 + areas.index(value)]
         plot.membranes(ax, case["x"][-1]).set(linewidth=1.0)
