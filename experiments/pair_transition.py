@@ -1,6 +1,6 @@
 """How does a chain of prolates become one of oblates as the membranes conduct, and at which Λ are there kidneys?
 
-    python -m experiments.pair_transition          # tens of minutes: table, a figure, data/pair_transition.json
+    python -m experiments.pair_transition          # ten minutes: table, a figure, data/pair_transition.json
 
 Δ = 0.9, β = 3.2, Ca = 0, G from 0 to 4 for Λ = 0.1 (the paper's text) and Λ = 0.9 (its caption); 2.6 a apart, 20°.
 
@@ -11,6 +11,7 @@ has a part of its outline curved inwards: least curvature below zero at the end.
 import jax
 import jax.numpy as jnp
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
@@ -23,7 +24,7 @@ FILM = 0.03
 QUICK = dict(ratios=(0.1,), conductances=(4.0,), t_end=0.5, saves=4, nodes=(32,))
 
 
-def run(ratios=RATIOS, conductances=CONDUCTANCES, t_end=12.0, saves=120, nodes=(64, 128)):
+def run(ratios=RATIOS, conductances=CONDUCTANCES, t_end=12.0, saves=240, nodes=(64, 128)):
     """{(Λ, G): history with class, complete swings beyond a degree about the field, least curvature at each save}."""
     found = {}
     for ratio in ratios:
@@ -46,11 +47,12 @@ def draw(found) -> Figure:
         shapes, angles = part.subfigures(2, 1, height_ratios=(1, 1.3))
         panels = shapes.subplots(1, len(conductances), squeeze=False)[0]
         turning = angles.subplots()
-        for panel, G in zip(panels, conductances, strict=True):
+        colors = colormaps["viridis"](np.linspace(0, 0.9, len(conductances)))
+        for panel, G, color in zip(panels, conductances, colors, strict=True):
             case = found[ratio, G]
             plot.membranes(panel, case["x"][-1]).set(linewidth=1.0)
             panel.set(xlim=(-2.6, 2.6), ylim=(-3, 3), xticks=[], yticks=[], title=f"$G = {G:g}$")
-            turning.plot(case["t"], case["angle"], label=f"$G = {G:g}$", lw=1.0)
+            turning.plot(case["t"], case["angle"], color=color, label=f"$G = {G:g}$", lw=1.0)
         turning.axhline(90, color="0.7", lw=0.8, zorder=0)
         turning.set(xlabel=r"$t/t_\kappa$", ylabel="line of centres (degrees)")
         turning.legend(ncols=2, fontsize="x-small")
