@@ -4,21 +4,23 @@ import ctypes
 import os
 import sys
 
-# Small LAPACK calls and small products are slower on two threads than on one, the more so beside other tests; and most
-# of the time of the tests is compiling, of which machine code that is not optimised takes a third less. Set before
-# NumPy loads and JAX starts.
+# Small LAPACK calls and small products are slower on two threads than on one, the more so beside other tests; set
+# before NumPy loads and JAX starts.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false --xla_backend_optimization_level=0")
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
 
 import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.experimental.compilation_cache import compilation_cache
 
 import jaxves  # noqa: F401  (switches double precision on)
 from jaxves import diagnostics, fourier
 from jaxves.equation import equation_for
+
+_COMPILED = jax.config.jax_compilation_cache_dir
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -26,6 +28,10 @@ def _forget_what_was_compiled():
     """Programs of one file are of no use to the next, and together they would fill the memory."""
     yield
     jax.clear_caches()
+    if jax.config.jax_compilation_cache_dir != _COMPILED:
+        # Commands keep on disk what they compile; the tests of other files would go on writing there.
+        jax.config.update("jax_compilation_cache_dir", _COMPILED)
+        compilation_cache.reset_cache()
     if sys.platform == "linux":
         # The C library would keep what was freed for later: two GB after a file, instead of a third of one.
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
