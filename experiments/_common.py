@@ -128,6 +128,12 @@ def styled(draw: Callable) -> Callable:
     return rc_context(plot.STYLE)(draw)
 
 
+def shades(count: int) -> np.ndarray:
+    """A colour for each of `count` curves in order, dark to light, on the scale of `jaxves.plot`; (count, 4)."""
+    order = np.arange(count)
+    return plot.scale(order).to_rgba(order)
+
+
 def save(figure: Figure, name: str) -> None:
     """Writes figures/NAME.png."""
     folder = HERE / "figures"

@@ -162,20 +162,20 @@ def amplification(name, reference, size=1e-4, tolerance=1e-6, starts=5, seed=0):
     make, t_end, saves, _ = SCENES[name]
     M, N = reference["x"].shape[1:3]
     scene = make(N)
-    start = scene.x[None], np.zeros((1, M, N))
-    x, V_m = (np.concatenate([first, reference[key]]) for first, key in zip(start, ("x", "V_m"), strict=True))
+    x = np.concatenate([scene.x[None], reference["x"]])
+    V_m = np.concatenate([np.zeros((1, M, N)), reference["V_m"]])
     modes = np.random.default_rng(seed).normal(size=(2, 6))
     modes[1] *= M > 1 or scene.flow is not None  # mirrored in an axis
     k = (2 if M == 1 else 1) * np.arange(6)[:, None] * fourier.grid(N)
     bumps = modes[0] @ np.cos(k) + modes[1] @ np.sin(k)
     bumps *= size / np.max(np.abs(bumps))
 
+    parts = ("x", "V_m", "tension")
     found = {}
     for i in range(0, saves, max(1, saves // starts)):
         moved = x[i, 0] + bumps[:, None] * Curve.from_nodes(jnp.asarray(x[i, 0])).normal
         shifted = Scene(jnp.asarray(x[i]).at[0].set(moved), scene.bending, scene.field, scene.flow, jnp.asarray(V_m[i]))
         _, rows = followed(name, shifted, Adaptive(tolerance, ARK5()))
-        parts = ("x", "V_m", "tension")
         apart = distances({p: rows[p][: saves - i] for p in parts}, {p: reference[p][i:] for p in parts})
         found[i * t_end / saves] = float(np.max([apart["shape"], apart["V_m"]]) / size)
     return found

@@ -11,7 +11,6 @@ has a part of its outline curved inwards: least curvature below zero at the end.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
@@ -47,8 +46,7 @@ def draw(found) -> Figure:
         shapes, angles = part.subfigures(2, 1, height_ratios=(1, 1.3))
         panels = shapes.subplots(1, len(conductances), squeeze=False)[0]
         turning = angles.subplots()
-        colors = colormaps["viridis"](np.linspace(0, 0.9, len(conductances)))
-        for panel, G, color in zip(panels, conductances, colors, strict=True):
+        for panel, G, color in zip(panels, conductances, _common.shades(len(conductances)), strict=True):
             case = found[ratio, G]
             plot.membranes(panel, case["x"][-1]).set(linewidth=1.0)
             panel.set(xlim=(-2.6, 2.6), ylim=(-3, 3), xticks=[], yticks=[], title=f"$G = {G:g}$")

@@ -13,7 +13,6 @@ more: the traction is all but normal, nothing treads, and all pairs turn to the 
 """
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
@@ -77,7 +76,7 @@ def draw(found) -> Figure:
     figure = Figure(figsize=(6.8, 2.6), layout="constrained")
     turning, draining = figure.subplots(1, 2)
     cases = {ratio: case for (ratio, G), case in cells(found).items() if G == 0}
-    for (ratio, case), color in zip(cases.items(), colormaps["viridis"](np.linspace(0, 0.9, len(cases))), strict=True):
+    for (ratio, case), color in zip(cases.items(), _common.shades(len(cases)), strict=True):
         turning.plot(case["t"], case["angle"], color=color, label=rf"$\Lambda$ = {ratio:g}")
         draining.semilogy(case["t"], case["min_gap"], color=color)
     turning.axhline(90, color="0.7", linewidth=0.8, zorder=0)

@@ -13,12 +13,11 @@ viscosity forgets β and Ca.
 """
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from jaxves import plot, status
 
-from ._common import save, store, styled
+from ._common import save, shades, store, styled
 from ._sweeps import TOY, listed, swept
 from ._treading import Setting, at, start
 
@@ -157,7 +156,7 @@ def draw_maps(found) -> Figure:
     figure = Figure(figsize=(plot.PAGE, 2.8))
     panels = figure.subplots(1, len(found["over β and Δ"]), sharey=True, squeeze=False)[0]
     for ax, (shear, rows) in zip(panels, found["over β and Δ"].items(), strict=True):
-        for (area, row), color in zip(rows.items(), colormaps["viridis"](np.linspace(0, 0.9, len(rows))), strict=True):
+        for (area, row), color in zip(rows.items(), shades(len(rows)), strict=True):
             ax.plot(found["strengths"], row["viscosity"], ".-", ms=4, lw=1, color=color, label=rf"$\Delta = {area:g}$")
         ax.set(xlabel=r"$\beta$", title=f"Ca = {shear:g}")
     panels[0].set(ylabel=r"$[\mu]$")
