@@ -66,7 +66,12 @@ SCENES = {
 def _tolerances(*last):
     """{scheme: tolerances} from 1e-3 down to 1e-`last` of ARK2, ARK3, ARK4 and ARK5 (None: not at all)."""
     names = ("ARK2", "ARK3", "ARK4", "ARK5")
-    return {name: tuple(10.0**-k for k in range(3, to + 1)) for name, to in zip(names, last, strict=True) if to}
+    return {name: _powers(3, to) for name, to in zip(names, last, strict=True) if to}
+
+
+def _powers(first, last):
+    """1e-`first` … 1e-`last`."""
+    return tuple(10.0**-k for k in range(first, last + 1))
 
 
 # by scene and nodes: numbers of steps for Euler, tolerances for the others

@@ -54,11 +54,11 @@ class Problem(eqx.Module):
 def march_of(scene_file: SceneFile) -> AbstractMarch:
     """The way of stepping that `[numerics]` asks for."""
     numerics = scene_file.numerics
-    stepper = _STEPPERS[numerics.method]()
+    chosen = steppers.for_tolerance(numerics.tolerance) if numerics.method == "auto" else _STEPPERS[numerics.method]()
     if numerics.time_step is None:
-        return Adaptive(numerics.tolerance, stepper)
+        return Adaptive(numerics.tolerance, chosen)
     steps = math.ceil(scene_file.t_end / scene_file.saves / numerics.time_step * (1 - 1e-12))
-    return Fixed(steps, stepper)
+    return Fixed(steps, chosen)
 
 
 def solved_by(scene_file: SceneFile, scene: Scene) -> tuple[AbstractSolver | None, AbstractCoupling | None]:

@@ -156,6 +156,8 @@ class NumericsTable(Table):
     top of their spectra is below 1e-6 of the largest mode. Then it follows what shape, potential and tension need, as
     `resolution` tells; `/nodes` of the result holds what was used, and all rows are given on 256 nodes.
 
+    `method`: "auto" is "ark4", and "ark5" for a tolerance below 3e-5.
+
     `solver`: "dense" factorises the systems that couple all membranes, "matrix-free" never forms a matrix of two
     membranes unless they are near, "auto" goes by size. `neighbours` is the room for near pairs without matrices, per
     vesicle on average; a run in need of more ends as "crowded".
@@ -168,7 +170,7 @@ class NumericsTable(Table):
     nodes: NodeCount = 64
     tolerance: Tolerance | None = None  # 1e-4, unless there is a time_step
     time_step: Positive | None = None
-    method: one_of("ark4", "ark5", "euler") = "ark4"
+    method: one_of("auto", "ark4", "ark5", "euler") = "auto"
     solver: one_of("auto", "dense", "matrix-free") = "auto"
     neighbours: Count = 8
     certify: Flag = True
@@ -185,7 +187,7 @@ class NumericsTable(Table):
         if self.tolerance is not None and self.time_step is not None:
             raise refusal("no time_step beside a tolerance: one of the two", "time_step", self.time_step)
         if self.method == "euler" and self.time_step is None:
-            raise refusal('"ark4" or "ark5", or a time_step: "euler" has no error estimate', "method", self.method)
+            raise refusal('"auto", "ark4" or "ark5", or a time_step: "euler" has no error estimate', "method", self.method)
         return self
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import flow, history
+from jaxves import flow, history, problem
 from jaxves.build import build
 from jaxves.curve import Curve, area, centroid, inclination, length, reduced_area
 from jaxves.scenefile import SceneError, builtin_names, load, parse, to_toml
@@ -336,7 +336,7 @@ def test_a_written_scene_is_complete_with_defaults_and_without_what_is_absent():
         "numerics": {
             "nodes": 64,
             "tolerance": 1e-4,
-            "method": "ark4",
+            "method": "auto",
             "solver": "auto",
             "neighbours": 8,
             "certify": True,
@@ -437,3 +437,19 @@ def test_outlines_judge_ellipses_as_they_are_built():
     parse(tomllib.loads(apart.format(tip_to_tip + 1e-3)))
     with pytest.raises(SceneError, match="touch"):
         parse(tomllib.loads(apart.format(tip_to_tip - 1e-6)))
+
+
+@pytest.mark.parametrize(
+    ("numerics", "scheme"),
+    [
+        ("", "ARK4"),
+        ("tolerance = 1e-4", "ARK4"),
+        ("tolerance = 1e-5", "ARK5"),
+        ("time_step = 1e-6", "ARK4"),
+        ("tolerance = 1e-7\nmethod = 'ark4'", "ARK4"),
+        ("tolerance = 1e-3\nmethod = 'ark5'", "ARK5"),
+    ],
+)
+def test_a_tight_tolerance_takes_the_fifth_order_scheme_unless_one_is_named(numerics, scheme):
+    march = problem.march_of(parse(tomllib.loads(BASE + "[numerics]\n" + numerics)))
+    assert type(march.stepper).__name__ == scheme
