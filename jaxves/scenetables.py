@@ -187,7 +187,8 @@ class NumericsTable(Table):
         if self.tolerance is not None and self.time_step is not None:
             raise refusal("no time_step beside a tolerance: one of the two", "time_step", self.time_step)
         if self.method == "euler" and self.time_step is None:
-            raise refusal('"auto", "ark4" or "ark5", or a time_step: "euler" has no error estimate', "method", self.method)
+            wanted = '"auto", "ark4" or "ark5", or a time_step: "euler" has no error estimate'
+            raise refusal(wanted, "method", self.method)
         return self
 
 
