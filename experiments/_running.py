@@ -17,9 +17,11 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import NamedTuple
 
+from ._compiling import QUICKLY
+
 _NO_QUICK = 3  # exit status
-# Toys spend their time in compiling: without optimising it takes a third less, and some programs they have in common.
-_COMPILING = {"XLA_FLAGS": "--xla_backend_optimization_level=0", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "1"}
+# Toys spend their time in compiling, and some programs they have in common.
+_COMPILING = {"XLA_FLAGS": QUICKLY, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "1"}
 
 
 class Outcome(NamedTuple):

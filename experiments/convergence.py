@@ -31,7 +31,7 @@ from jaxves import fourier, plot, shapes, status
 from jaxves.curve import Curve
 from jaxves.marching import Adaptive, Checks
 from jaxves.scene import Scene, dc_field, make_scene
-from jaxves.steppers import ARK4, ARK5, SemiImplicitEuler
+from jaxves.steppers import ARK4, ARK5, SemiImplicitEuler, for_tolerance
 
 from ._common import HERE, march, pop, save, store, styled, treading
 from ._distance import distances
@@ -57,7 +57,7 @@ def pair(N: int) -> Scene:
 # scene, t_end, saves, and nodes and tolerance of the reference
 SCENES = {
     "POP": (pop, 1.0, 20, (128, 1e-10)),
-    "budding": (budding, 0.25, 10, (256, 1e-8)),
+    "budding": (budding, 0.25, 10, (320, 1e-8)),
     "tank-treading": (treading, 1.0, 10, (128, 1e-10)),  # long enough that the saved instants do not set the step
     "pair": (pair, 1.0, 10, (96, 1e-9)),
 }
@@ -83,7 +83,8 @@ PLAN = {
     },
     "budding": {
         128: {"Euler": (1000, 2000)} | _tolerances(4, 5, 6, 6),
-        192: _tolerances(None, None, None, 7),
+        192: {"ARK4": _powers(3, 4), "ARK5": _powers(3, 7)},
+        256: {"ARK5": (1e-7,)},
     },
     "tank-treading": {
         64: {"Euler": (1000, 2000, 4000)} | _tolerances(5, 6, 7, 7),
@@ -230,6 +231,17 @@ def tolerances(table):
     return error / asked, float(np.polyfit(np.log(asked), np.log(error), 1)[0]) if len(asked) > 1 else np.nan
 
 
+def by_default(schemes):
+    """One table of the runs that `method = "auto"` makes, by falling tolerance."""
+    runs = [
+        (setting, *(table[part][i] for part in PARTS))
+        for scheme, table in schemes.items()
+        for i, setting in enumerate(table["settings"])
+        if type(SCHEMES[scheme]) is type(for_tolerance(setting))
+    ]
+    return dict(zip(("settings", *PARTS), map(list, zip(*sorted(runs, reverse=True), strict=True)), strict=True))
+
+
 @styled
 def draw(found) -> Figure:
     """A panel a scene: error of the shape against seconds."""
@@ -257,6 +269,11 @@ def _color(scheme):
     return f"C{list(SCHEMES).index(scheme)}"
 
 
+def _proportion(table) -> str:
+    ratio, slope = tolerances(table)
+    return f"error over tolerance {', '.join(f'{r:.2g}' for r in ratio)}; slope {slope:.2f}"
+
+
 def report(found) -> None:
     """Prints what `run` found, and what follows from it."""
     for name, scene in found.items():
@@ -271,8 +288,9 @@ def report(found) -> None:
                     errors = "".join(f"  {table[part][i]:.1e}" for part in PARTS)
                     print(f"{setting:26.0e}{counts}{times}{errors}")
                 if scheme != "Euler":
-                    ratio, slope = tolerances(table)
-                    print(f"    error over tolerance {', '.join(f'{r:.2g}' for r in ratio)}; slope {slope:.2f}")
+                    print(f"    {_proportion(table)}")
+            if {"ARK4", "ARK5"} <= schemes.keys():
+                print(f'  N = {N}, as method = "auto" chooses: {_proportion(by_default(schemes))}')
     if "Euler" in (schemes := found.get("POP", {}).get("nodes", {}).get("64", {})):
         euler, order = seconds_for(schemes["Euler"], 1e-4)
         ours, _ = seconds_for(schemes["ARK4"], 1e-4)

@@ -4,10 +4,12 @@ import ctypes
 import os
 import sys
 
+from experiments._compiling import QUICKLY
+
 # Small LAPACK calls and small products are slower on two threads than on one, the more so beside other tests; set
 # before NumPy loads and JAX starts.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+os.environ.setdefault("XLA_FLAGS", f"--xla_cpu_multi_thread_eigen=false {QUICKLY}")
 
 import h5py
 import jax
