@@ -44,17 +44,28 @@ def setting(nodes, t_end, cases):
     return sweepfile.parse({"scene": scene, "cases": listed}), values
 
 
+def simulated(scene_file, row) -> marching.Result:
+    """One case, as a function of its values."""
+    scene = scene_of(scene_file, dict(zip(NAMES, row, strict=True)))
+    return marching.simulate(scene, scene_file.t_end, saves=scene_file.saves, march=problem.march_of(scene_file))
+
+
 def one_by_one(sweep_file, values):
     """A call that simulates every case by itself."""
-    scene_file = sweep_file.scene
 
     @jax.jit
     def alone(row):
-        scene = scene_of(scene_file, dict(zip(NAMES, row, strict=True)))
-        result = marching.simulate(scene, scene_file.t_end, saves=scene_file.saves, march=problem.march_of(scene_file))
+        result = simulated(sweep_file.scene, row)
         return result.status, result.diagnostics, result.state
 
     return lambda: [jax.tree.map(np.asarray, alone(jnp.asarray(row))) for row in values]
+
+
+def gradients(sweep_file, values, over=jax.vmap):
+    """A call for the gradients of the final deformation with respect to the values, (cases, 2), reverse mode."""
+    slope = jax.grad(lambda row: simulated(sweep_file.scene, row).diagnostics["deformation"][-1, 0])
+    compiled = jax.jit(over(slope))
+    return lambda: np.asarray(compiled(jnp.asarray(values)))
 
 
 def in_batches(sweep_file, values, devices, method, batch):
@@ -114,55 +125,73 @@ def outcomes_of(call) -> dict[str, np.ndarray]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def on_host(path, cases, nodes, t_end) -> None:
-    """Cases a second on all cores of this process, and their outcomes, into a file."""
-    sweep_file, values = setting(nodes, t_end, cases)
-    call = in_batches(sweep_file, values, jax.local_device_count(), "map", 4)
-    outcomes_of(call)
+def warm(call):
+    """What it returns, and the seconds that it takes when it has been compiled."""
+    found = call()
     start = time.perf_counter()
-    found = outcomes_of(call)
-    np.savez(path, rate=cases / (time.perf_counter() - start), cores=jax.local_device_count(), **found)
+    call()
+    return found, time.perf_counter() - start
 
 
-def by_host(cases, nodes, t_end) -> dict[str, np.ndarray]:
+def on_host(path, cases, nodes, t_end, differentiated) -> None:
+    """Cases a second on all cores of this process, gradients a second on one, and what came of them, into a file."""
+    sweep_file, values = setting(nodes, t_end, cases)
+    work = in_batches(sweep_file, values, jax.local_device_count(), "map", 4)
+    found, seconds = warm(lambda: outcomes_of(work))
+    few = values[:differentiated]
+    slopes, slope_seconds = warm(gradients(sweep_file, few, over=lambda f: lambda rows: jax.lax.map(f, rows)))
+    rates = {"rate": cases / seconds, "gradient rate": len(few) / slope_seconds}
+    np.savez(path, cores=jax.local_device_count(), gradients=slopes, **rates, **found)
+
+
+def by_host(*sizes) -> dict[str, np.ndarray]:
     """`on_host`, in a process that sees no GPU."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "host.npz"
-        command = [sys.executable, "-m", "experiments.sweep_throughput", "--host", path, cases, nodes, t_end]
+        command = [sys.executable, "-m", "experiments.sweep_throughput", "--host", path, *sizes]
         environment = os.environ | {"JAX_PLATFORMS": "cpu"}
         subprocess.run([str(part) for part in command], check=True, env=environment)
         return dict(np.load(path))
 
 
-def on_gpu(cases=2048, nodes=64, t_end=1.0, batches=(16, 256, 1024, 2048)):
-    """Cases a second on one device by the size of the batch, until memory ends, beside the cores of its host."""
-    host = by_host(cases, nodes, t_end)
+def on_gpu(cases=2048, nodes=64, t_end=1.0, batches=(16, 256, 1024, 2048), differentiated=256):
+    """Cases a second on one device by the size of the batch, until memory ends, beside the cores of its host.
+
+    And gradients a second, `differentiated` at a time, against one core of the host.
+    """
+    host = by_host(cases, nodes, t_end, min(32, differentiated))
     print(f"{host['cores']} cores of the host: {host['rate']:.3g} cases/s", flush=True)
     sweep_file, values = setting(nodes, t_end, cases)
     rates, apart = {}, {}
     for batch in batches:
         few = values[: max(batch, min(cases, 4 * batch))]
         try:
-            call = in_batches(sweep_file, few, 1, "vmap", batch)
+            work = in_batches(sweep_file, few, 1, "vmap", batch)
         except sweepfile.SceneError as error:
             rates[batch] = str(error)
             break
-        found = outcomes_of(call)
-        start = time.perf_counter()
-        call()
-        rates[batch] = len(few) / (time.perf_counter() - start)
+        found, seconds = warm(lambda work=work: outcomes_of(work))
+        rates[batch] = len(few) / seconds
         same = found["status"] == host["status"][: len(few)]
-        D = "deformation_final"
+        off = np.abs(found["deformation_final"] - host["deformation_final"][: len(few)])[same]
         apart[batch] = {
             "other status": int(np.sum(~same)),
-            D: float(np.max(np.abs(found[D] - host[D][: len(few)])[same], initial=0)),
+            "deformation_final": float(np.max(off, initial=0)),
+            "beyond 1e-4": int(np.sum(off > 1e-4)),
         }
         print(f"{batch} at a time: {rates[batch]:.3g} cases/s, {apart[batch]}", flush=True)
+    slopes, seconds = warm(gradients(sweep_file, values[:differentiated]))
+    expected = host["gradients"]
+    off = np.abs(slopes[: len(expected)] - expected) / np.max(np.abs(expected), axis=1, keepdims=True)
+    slope_rates = {"GPU": len(slopes) / seconds, "one core": float(host["gradient rate"])}
+    print(f"gradients: {slope_rates}, apart by {np.median(off):.1e} (median), {np.max(off):.1e}", flush=True)
     return {
         "cases per second": rates,
         "cases per second on the host": float(host["rate"]),
         "cores of the host": int(host["cores"]),
         "apart from the host": apart,
+        "gradients per second": slope_rates,
+        "gradients apart": {"median": float(np.median(off)), "most": float(np.max(off))},
         "device": jax.devices()[0].device_kind,
     }
 
@@ -170,11 +199,12 @@ def on_gpu(cases=2048, nodes=64, t_end=1.0, batches=(16, 256, 1024, 2048)):
 def main():
     parser = argparse.ArgumentParser(description="Throughput of sweeps.")
     parser.add_argument("--gpu", action="store_true", help="cases per second against the size of a batch, by vmap")
-    parser.add_argument("--host", nargs=4, metavar=("FILE", "CASES", "NODES", "T_END"), help="what --gpu compares with")
+    sizes = ("FILE", "CASES", "NODES", "T_END", "DIFFERENTIATED")
+    parser.add_argument("--host", nargs=5, metavar=sizes, help="what --gpu compares with")
     wanted = parser.parse_args()
     if wanted.host:
-        path, cases, nodes, t_end = wanted.host
-        on_host(path, int(cases), int(nodes), float(t_end))
+        path, cases, nodes, t_end, differentiated = wanted.host
+        on_host(path, int(cases), int(nodes), float(t_end), int(differentiated))
         return
     if wanted.gpu:
         found = on_gpu()
