@@ -14,11 +14,10 @@ narrowest neck and again at the end.
 """
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import fourier, plot, status
+from jaxves import plot, shapes, status
 from jaxves.marching import Adaptive
 
 from ._common import march, pop, save, store, styled
@@ -34,12 +33,6 @@ def mirrored(rows, axis):
     sign = np.where(np.arange(2) == axis, -1.0, 1.0)
     turned = {name: rows[name][:, :, ::-1] for name in ("x", "V_m", "tension")}
     return turned | {"x": turned["x"] * sign}
-
-
-def disturbed(scene):
-    """The scene with nodes moved along both axes, alike at both ends."""
-    wave = APART * jnp.cos(2 * fourier.grid(scene.x.shape[1]))
-    return eqx.tree_at(lambda s: s.x, scene, scene.x + wave[:, None])
 
 
 def run(betas=tuple(NECK), N=128, finer=192, tolerance=1e-5, t_end=1.0, saves=100, reduced_area=0.5):
@@ -61,7 +54,8 @@ def run(betas=tuple(NECK), N=128, finer=192, tolerance=1e-5, t_end=1.0, saves=10
         scene = pop(N, reduced_area=reduced_area, beta=beta)
         state, rows, equation = marched(scene, tolerance)
         _, check, _ = marched(pop(finer, reduced_area=reduced_area, beta=beta), tolerance / 10)
-        _, other, _ = marched(disturbed(scene), tolerance)
+        start = shapes.disturbed(scene.x[0], APART)[None]
+        _, other, _ = marched(eqx.tree_at(lambda s: s.x, scene, start), tolerance)
         found[beta] = {
             "status": status.WORDS[max(int(state.status), status.COMPLETE)],
             "steps": int(state.steps),

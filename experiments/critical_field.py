@@ -1,6 +1,6 @@
 """At which field does a vesicle stop staying prolate, and how does that depend on everything else?
 
-    python -m experiments.critical_field          # tables and a figure, about twenty minutes
+    python -m experiments.critical_field          # tables and a figure, about forty minutes
 
 Λ = 0.1, χ = 0.08, a vesicle along the field. β₀ at G = 0 for Δ = 0.9, 0.8, 0.6, starting from an ellipse and from the
 shape at rest, with its discretisation error and its derivatives; then β₀(Δ) and β₀(G). The paper's 1.9, 2.6, 5.1 are
@@ -109,7 +109,7 @@ def draw(found) -> Figure:
         right.plot(row["slopes"]["t"], values, "o-", ms=2.5, label=key.replace("_", " "))
     right.axvline(row["instant"], color="0.6", lw=0.8)
     right.set(xlabel="t", ylabel=r"$-\partial_\Lambda Q/\partial_\beta Q$", ylim=(0, 30))
-    right.legend()
+    right.legend(loc="lower right")
     return figure
 
 
