@@ -109,7 +109,7 @@ def draw(found) -> Figure:
         right.plot(row["slopes"]["t"], values, "o-", ms=2.5, label=key.replace("_", " "))
     right.axvline(row["instant"], color="0.6", lw=0.8)
     right.set(xlabel="t", ylabel=r"$-\partial_\Lambda Q/\partial_\beta Q$", ylim=(0, 30))
-    right.legend(loc="lower right")
+    right.legend(loc="upper right", frameon=True, framealpha=1, edgecolor="none")
     return figure
 
 
