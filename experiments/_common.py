@@ -108,10 +108,10 @@ def _plain(value):
     return float(f"{value:.9g}") if isinstance(value, float) else value
 
 
-def store(name: str, data) -> None:
-    """Writes data/NAME.json: the numbers, and what they were computed with."""
+def store(name: str, data, variant: str = "") -> None:
+    """Writes data/NAME.json, for a variant of the command data/NAME_VARIANT.json: numbers, and what computed them."""
     provenance = {
-        "command": f"python -m experiments.{name}",
+        "command": f"python -m experiments.{name}" + (variant and f" --{variant}"),
         "jaxves": jaxves.__version__,
         "jax": jax.__version__,
         "python": platform.python_version(),
@@ -120,7 +120,7 @@ def store(name: str, data) -> None:
     folder = HERE / "data"
     folder.mkdir(exist_ok=True)
     text = json.dumps({"provenance": provenance, "data": _plain(data)}, indent=1, ensure_ascii=False)
-    (folder / f"{name}.json").write_text(text + "\n")
+    (folder / f"{name}{variant and f'_{variant}'}.json").write_text(text + "\n")
 
 
 def styled(draw: Callable) -> Callable:

@@ -207,8 +207,7 @@ def main():
         on_host(path, int(cases), int(nodes), float(t_end), int(differentiated))
         return
     if wanted.gpu:
-        found = on_gpu()
-        store("sweep_throughput_gpu", found)
+        store("sweep_throughput", on_gpu(), "gpu")
         return
     found = run()
     for name, seconds in found["seconds per case"].items():
