@@ -233,13 +233,13 @@ def tolerances(table):
     return error / asked, float(np.polyfit(np.log(asked), np.log(error), 1)[0]) if len(asked) > 1 else np.nan
 
 
-def by_default(schemes):
+def by_default(schemes, vesicles):
     """One table of the runs that `method = "auto"` makes, by falling tolerance."""
     runs = [
         (setting, *(table[part][i] for part in PARTS))
         for scheme, table in schemes.items()
         for i, setting in enumerate(table["settings"])
-        if type(SCHEMES[scheme]) is type(for_tolerance(setting))
+        if type(SCHEMES[scheme]) is type(for_tolerance(setting, vesicles))
     ]
     return dict(zip(("settings", *PARTS), map(list, zip(*sorted(runs, reverse=True), strict=True)), strict=True))
 
@@ -281,6 +281,7 @@ def report(found) -> None:
     for name, scene in found.items():
         grown = ", ".join(f"{g:.3g} (t = {float(t):g})" for t, g in scene["amplification"].items())
         print(f"{name}: reference {scene['reference']}; displacements grow, by their instant, {grown} times")
+        vesicles = len(SCENES[name][0](32).x)
         for N, schemes in scene["nodes"].items():
             for scheme, table in schemes.items():
                 print(f"  N = {N}, {scheme}: setting    steps rejected    rates  seconds     wall  shape    V_m      λ")
@@ -292,7 +293,7 @@ def report(found) -> None:
                 if scheme != "Euler":
                     print(f"    {_proportion(table)}")
             if {"ARK4", "ARK5"} <= schemes.keys():
-                print(f'  N = {N}, as method = "auto" chooses: {_proportion(by_default(schemes))}')
+                print(f'  N = {N}, as method = "auto" chooses: {_proportion(by_default(schemes, vesicles))}')
     if "Euler" in (schemes := found.get("POP", {}).get("nodes", {}).get("64", {})):
         euler, order = seconds_for(schemes["Euler"], 1e-4)
         ours, _ = seconds_for(schemes["ARK4"], 1e-4)

@@ -54,7 +54,10 @@ class Problem(eqx.Module):
 def march_of(scene_file: SceneFile) -> AbstractMarch:
     """The way of stepping that `[numerics]` asks for."""
     numerics = scene_file.numerics
-    chosen = steppers.for_tolerance(numerics.tolerance) if numerics.method == "auto" else _STEPPERS[numerics.method]()
+    if numerics.method == "auto":
+        chosen = steppers.for_tolerance(numerics.tolerance, len(scene_file.vesicles()))
+    else:
+        chosen = _STEPPERS[numerics.method]()
     if numerics.time_step is None:
         return Adaptive(numerics.tolerance, chosen)
     steps = math.ceil(scene_file.t_end / scene_file.saves / numerics.time_step * (1 - 1e-12))

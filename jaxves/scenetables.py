@@ -156,7 +156,7 @@ class NumericsTable(Table):
     top of their spectra is below 1e-6 of the largest mode. Then it follows what shape, potential and tension need, as
     `resolution` tells; `/nodes` of the result holds what was used, and all rows are given on 256 nodes.
 
-    `method`: "auto" is "ark4", and "ark5" for a tolerance below 3e-5.
+    `method`: "auto" is "ark4", and "ark5" for a tolerance below 3e-6, of several vesicles below 3e-5.
 
     `solver`: "dense" factorises the systems that couple all membranes, "matrix-free" never forms a matrix of two
     membranes unless they are near, "auto" goes by size. `neighbours` is the room for near pairs without matrices, per

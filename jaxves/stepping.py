@@ -199,7 +199,8 @@ class Fixed(AbstractEven):
 class Adaptive(AbstractMarch):
     """Steps whose embedded error stays below `tolerance` in every node and component (PI controller).
 
-    Below a tolerance of 3e-5 `stepper=ARK5()` is the better choice, which scene files make by themselves.
+    For a tight tolerance `stepper=ARK5()` is the better choice, which scene files make by themselves
+    (`steppers.for_tolerance`).
 
     Errors in the highest quarter of the modes, beyond 3 % of what is there, count thirty times: at the edge of
     stability of the explicit stages round-off grows there.

@@ -439,17 +439,22 @@ def test_outlines_judge_ellipses_as_they_are_built():
         parse(tomllib.loads(apart.format(tip_to_tip - 1e-6)))
 
 
+PAIR = "[pair]\nseparation = 3.0\n"
+
+
 @pytest.mark.parametrize(
-    ("numerics", "scheme"),
+    ("tables", "numerics", "scheme"),
     [
-        ("", "ARK4"),
-        ("tolerance = 1e-4", "ARK4"),
-        ("tolerance = 1e-5", "ARK5"),
-        ("time_step = 1e-6", "ARK4"),
-        ("tolerance = 1e-7\nmethod = 'ark4'", "ARK4"),
-        ("tolerance = 1e-3\nmethod = 'ark5'", "ARK5"),
+        ("", "", "ARK4"),
+        ("", "tolerance = 1e-5", "ARK4"),
+        ("", "tolerance = 1e-6", "ARK5"),
+        (PAIR, "tolerance = 1e-4", "ARK4"),
+        (PAIR, "tolerance = 1e-5", "ARK5"),
+        ("", "time_step = 1e-7", "ARK4"),
+        ("", "tolerance = 1e-7\nmethod = 'ark4'", "ARK4"),
+        ("", "tolerance = 1e-3\nmethod = 'ark5'", "ARK5"),
     ],
 )
-def test_a_tight_tolerance_takes_the_fifth_order_scheme_unless_one_is_named(numerics, scheme):
-    march = problem.march_of(parse(tomllib.loads(BASE + "[numerics]\n" + numerics)))
+def test_a_tight_tolerance_takes_the_fifth_order_scheme_unless_one_is_named(tables, numerics, scheme):
+    march = problem.march_of(parse(tomllib.loads(BASE + tables + "[numerics]\n" + numerics)))
     assert type(march.stepper).__name__ == scheme
