@@ -226,14 +226,15 @@ def tolerances(table):
 
 
 def by_default(schemes, vesicles):
-    """One table of the runs that `method = "auto"` makes, by falling tolerance."""
+    """What `tolerances` needs, of the runs that `method = "auto"` makes, by falling tolerance."""
     runs = [
-        (setting, *(table[part][i] for part in PARTS))
-        for scheme, table in schemes.items()
-        for i, setting in enumerate(table["settings"])
-        if type(SCHEMES[scheme]) is type(for_tolerance(setting, vesicles))
+        run
+        for scheme in ("ARK4", "ARK5")
+        for run in zip(*(schemes[scheme][name] for name in ("settings", "shape", "V_m")), strict=True)
+        if type(SCHEMES[scheme]) is type(for_tolerance(run[0], vesicles))
     ]
-    return dict(zip(("settings", *PARTS), map(list, zip(*sorted(runs, reverse=True), strict=True)), strict=True))
+    settings, shape, V_m = zip(*sorted(runs, reverse=True), strict=True)
+    return {"settings": settings, "shape": shape, "V_m": V_m}
 
 
 @styled

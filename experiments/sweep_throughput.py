@@ -1,7 +1,7 @@
 """How many cases a second does a sweep compute, and what do devices, batches and the command line make of it?
 
     python -m experiments.sweep_throughput           # CPU: two host devices against one, batches, one by one, commands
-    python -m experiments.sweep_throughput --gpu     # what has a GPU: cases per second against the size of a batch
+    python -m experiments.sweep_throughput --gpu     # on a GPU: cases per second by the size of a batch, gradients
 
 64 cases of POP over β and G, N = 64, to t = 1 with 20 saves. "One by one" is `jaxves.simulate` under `jit`, called
 for one case after the other; the command line is `jaxves run`, once for each case. All but the commands take turns.
@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -134,12 +135,12 @@ def warm(call):
 
 
 def on_host(path, cases, nodes, t_end, differentiated) -> None:
-    """Cases a second on all cores of this process, gradients a second on one, and what came of them, into a file."""
+    """Cases a second on all devices of this process, gradients one at a time, and what came of them, into a file."""
     sweep_file, values = setting(nodes, t_end, cases)
     work = in_batches(sweep_file, values, jax.local_device_count(), "map", 4)
     found, seconds = warm(lambda: outcomes_of(work))
     few = values[:differentiated]
-    slopes, slope_seconds = warm(gradients(sweep_file, few, over=lambda f: lambda rows: jax.lax.map(f, rows)))
+    slopes, slope_seconds = warm(gradients(sweep_file, few, over=lambda slope: partial(jax.lax.map, slope)))
     rates = {"rate": cases / seconds, "gradient rate": len(few) / slope_seconds}
     np.savez(path, cores=jax.local_device_count(), gradients=slopes, **rates, **found)
 
@@ -157,7 +158,7 @@ def by_host(*sizes) -> dict[str, np.ndarray]:
 def on_gpu(cases=2048, nodes=64, t_end=1.0, batches=(16, 256, 1024, 2048), differentiated=256):
     """Cases a second on one device by the size of the batch, until memory ends, beside the cores of its host.
 
-    And gradients a second, `differentiated` at a time, against one core of the host.
+    And gradients a second, `differentiated` at a time, beside the host's, one at a time.
     """
     host = by_host(cases, nodes, t_end, min(32, differentiated))
     print(f"{host['cores']} cores of the host: {host['rate']:.3g} cases/s", flush=True)
@@ -183,7 +184,7 @@ def on_gpu(cases=2048, nodes=64, t_end=1.0, batches=(16, 256, 1024, 2048), diffe
     slopes, seconds = warm(gradients(sweep_file, values[:differentiated]))
     expected = host["gradients"]
     off = np.abs(slopes[: len(expected)] - expected) / np.max(np.abs(expected), axis=1, keepdims=True)
-    slope_rates = {"GPU": len(slopes) / seconds, "one core": float(host["gradient rate"])}
+    slope_rates = {"GPU": len(slopes) / seconds, "host, one at a time": float(host["gradient rate"])}
     print(f"gradients: {slope_rates}, apart by {np.median(off):.1e} (median), {np.max(off):.1e}", flush=True)
     return {
         "cases per second": rates,

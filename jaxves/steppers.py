@@ -246,7 +246,7 @@ class ARK5(AdditiveRungeKutta):
     tableau = _ARK548
 
 
-def for_tolerance(tolerance: float | None, vesicles: int = 1) -> AbstractStepper:
+def for_tolerance(tolerance: float | None, vesicles: int) -> AbstractStepper:
     """The scheme that gets along with a tolerance: ARK5 where it is tight; ARK4 else, and for fixed steps (None).
 
     By the measurements of `experiments.convergence`. One vesicle: from 1e-6 on ARK5 takes as long as ARK4 for the same

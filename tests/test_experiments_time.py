@@ -64,6 +64,14 @@ def test_seconds_for_an_error_lie_between_two_runs_or_follow_the_order():
     assert np.isnan(convergence.seconds_for(stuck, 1e-3)[0])
 
 
+def test_runs_by_default_are_those_of_the_scheme_that_a_scene_file_takes():
+    ark4 = {"settings": [1e-3, 1e-5, 1e-6], "shape": [1.0, 2.0, 3.0], "V_m": [0.1, 0.2, 0.3]}
+    ark5 = {name: [10 * value for value in values] for name, values in ark4.items()} | {"settings": ark4["settings"]}
+    schemes = {"Euler": {"settings": [500], "shape": [7.0], "V_m": [7.0]}, "ARK4": ark4, "ARK5": ark5}
+    assert convergence.by_default(schemes, 1)["shape"] == (1.0, 2.0, 30.0)
+    assert convergence.by_default(schemes, 2)["V_m"] == (0.1, 2.0, 3.0)
+
+
 def test_convergence_compares_schemes_with_one_reference():
     found = convergence.run(**convergence.QUICK)["tank-treading"]
     tables = found["nodes"]["32"]
