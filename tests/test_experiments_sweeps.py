@@ -36,7 +36,7 @@ def test_throughput_times_every_way_to_compute_the_same_cases():
     found = sweep_throughput.run(**sweep_throughput.QUICK)
     assert set(found["seconds per case"]) == {"one by one", "1 × 2"}
     assert all(ratio > 0 for ratio in found["ratios"].values())
-    on_gpu = sweep_throughput.on_gpu(cases=2, nodes=32, t_end=0.02, batches=(1, 2), differentiated=2)
+    on_gpu = sweep_throughput.on_gpu(cases=2, nodes=32, t_end=0.02, batches=(2,), differentiated=2)
     assert all(rate > 0 for rate in on_gpu["cases per second"].values())
     assert on_gpu["cases per second on the host"] > 0
     # Without a GPU both are the host, and the sums of a batch in another order are the only difference.
