@@ -233,17 +233,24 @@ def simulate(
     """Runs a scene to `t_end`, saving at `saves` equally spaced instants besides t = 0.
 
     `march` defaults to `Adaptive()`; `average` is a window (start, end) of time averages. Pure: use it
-    under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them. Where a run broke down, values
-    are NaN and their derivatives zero, so look at the status.
+    under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them. Compiled once for scenes alike,
+    by itself; what surrounds it is not, so that `jax.jit` about the whole is quicker still. Where a run broke down,
+    values are NaN and their derivatives zero, so look at the status.
     """
     march = Adaptive() if march is None else march
+    checks = Checks() if checks is None else checks
+    average = None if average is None else as_float(average)
+    return _simulated(scene, as_float(t_end), saves, march, average, checks, filter, coupling)
+
+
+@eqx.filter_jit
+def _simulated(scene, t_end, saves, march, average, checks, filter, coupling) -> Result:
     equation = equation_for(
         scene, filter=filter, coupling=coupling, integrands=None if average is None else diagnostics.averaged
     )
-    checks = Checks() if checks is None else checks
     state = initial_state(equation, march, average)
     first = observe(equation, state.t, state.y, state.angle, state.time_error)
-    times = as_float(t_end) * jnp.arange(1, saves + 1) / saves
+    times = t_end * jnp.arange(1, saves + 1) / saves
     state, rows = advance(equation, march, state, times, stops_of(scene, t_end, average), checks)
     rows = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rows)
     code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)

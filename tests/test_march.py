@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import circle, observed_order
 
-from jaxves import fourier, shapes, status, steppers
+from jaxves import fourier, marching, shapes, status, steppers
 from jaxves.flow import Shear
 from jaxves.history import Pulse
 from jaxves.marching import Adaptive, Checks, Fixed, simulate
@@ -256,3 +256,14 @@ def test_a_scene_is_built_and_run_without_callbacks_so_that_its_program_can_be_k
         return jnp.sum(simulate(scene, 0.1, march=Adaptive(1e-3)).x)
 
     assert "callback" not in jax.jit(jax.value_and_grad(work)).lower(0.9).as_text()
+
+
+def test_outside_of_jit_a_run_is_compiled_once_whatever_its_numbers(monkeypatch):
+    traced = []
+    stops_of = marching.stops_of
+    monkeypatch.setattr(marching, "stops_of", lambda *arguments: traced.append(1) or stops_of(*arguments))
+    for beta, t_end in ((3.2, 0.01), (1.0, 0.02)):
+        scene = make_scene(shapes.ellipse(36, 0.9), field=dc_field(beta, conductivity_ratio=0.1))
+        result = simulate(scene, t_end, saves=1)
+        assert result.word == "complete" and result.t[-1] == t_end
+    assert len(traced) == 1
