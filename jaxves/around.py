@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from . import fourier
-from .arrays import Points, ScalarLike, as_float
+from .arrays import Points, Scalar, ScalarLike, as_float
 from .curve import Curve
 from .equation import Equation
 from .motion import Unknowns
@@ -56,8 +56,12 @@ def around(equation: Equation, t: ScalarLike, y: Unknowns, points: Points) -> Su
 
     Differentiable, forward and reverse, in everything but `inside`.
     """
+    return _around(equation, as_float(t), y, points)
+
+
+@eqx.filter_jit
+def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surroundings:
     scene = equation.scene
-    t = as_float(t)
     motion = equation.motion(t, y)
     q = None if scene.field is None else scene.field.contrast()[:, None] * motion.w
     membranes = _Membrane(motion.surfaces.curves, motion.f_hd, q, y.V_m)

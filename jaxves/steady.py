@@ -97,6 +97,11 @@ def steady(scene: Scene, start: Unknowns, *, most: int = 30) -> Steady:
     """
     if scene.x.shape[0] != 1:
         raise ValueError(f"A steady shape is sought of one vesicle, but the scene has {scene.x.shape[0]}.")
+    return _by_newton(scene, start, most)
+
+
+@eqx.filter_jit
+def _by_newton(scene: Scene, start: Unknowns, most: int) -> Steady:
     equation = equation_for(scene)
     start = jax.lax.stop_gradient(Unknowns(start.x, start.V_m))
     anchor = Curve.from_nodes(start.x[0])

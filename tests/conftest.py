@@ -92,3 +92,15 @@ def diagnosed(scene, y):
 def observed_order(sizes, errors):
     """Slope of log(error) against log(size)."""
     return np.polyfit(np.log(np.asarray(sizes)), np.log(np.asarray(errors)), 1)[0]
+
+
+@pytest.fixture
+def calls_of(monkeypatch):
+    """A function (module, name) -> list that grows with every call of that function; inside a program, every trace."""
+
+    def counted(module, name):
+        calls, function = [], getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *arguments: calls.append(arguments) or function(*arguments))
+        return calls
+
+    return counted

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxves
 from jaxves import shapes
 from jaxves.around import _closely, _Membrane, _widely, around
 from jaxves.curve import Curve
@@ -33,14 +34,13 @@ def circle(radius=1.0, nodes=256):
     return jax.vmap(Curve.from_nodes)(shapes.circle(nodes, length=radius)[None])
 
 
-_around = eqx.filter_jit(around)
 MANY = 600  # more than are evaluated at once, and not a multiple
 
 
 def surroundings(equation, y, points):
     """`around` at time 0, always for `MANY` points, so that it is compiled once per scene."""
     padded = jnp.concatenate([points, jnp.full((MANY - len(points), 2), 9.0)])
-    return jax.tree.map(lambda leaf: leaf[: len(points)], _around(equation, 0.0, y, padded))
+    return jax.tree.map(lambda leaf: leaf[: len(points)], around(equation, 0.0, y, padded))
 
 
 def charged_circle(conductivity_ratio, V, **flow):
@@ -263,3 +263,13 @@ def test_far_points_are_not_closely_evaluated(vesicle):
     equation, y = vesicle
     traced = str(eqx.filter_make_jaxpr(around)(equation, 0.0, y, polar(3.0))[0])
     assert "cond" in traced
+
+
+def test_outside_of_jit_points_are_evaluated_by_a_program_made_once(vesicle, calls_of):
+    equation, y = vesicle
+    traced = calls_of(jaxves.around, "_place")
+    before = around(equation, 0.0, y, polar(3.0, P=11))
+    once = len(traced)
+    after = around(equation, 1.0, Unknowns(2 * y.x), polar(4.0, P=11))
+    assert len(traced) == once > 0
+    assert np.all(after.velocity != before.velocity)
