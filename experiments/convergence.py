@@ -1,6 +1,6 @@
 """How long does a given accuracy take, by scheme, and does the tolerance mean anything?
 
-    python -m experiments.convergence          # table and figure, about half an hour on busy cores
+    python -m experiments.convergence          # table and figure, one to two hours
     python -m experiments.convergence POP      # this scene again; the stored numbers of the others stay
 
 Four scenes: prolate to oblate and back (POP), a budding vesicle through its narrowest neck, tank-treading in a field,
@@ -41,6 +41,7 @@ SCHEMES = {"Euler": SemiImplicitEuler(), "ARK2": ARK2(), "ARK3": ARK3(), "ARK4":
 RATES = {"Euler": 1, "ARK2": 3, "ARK3": 4, "ARK4": 6, "ARK5": 8}  # a step
 PARTS = ("shape", "V_m", "tension")
 MARKERS = {32: "x", 64: "o", 96: "s", 128: "v", 192: "D", 256: "^"}  # by nodes
+JUDGED = ("settings", "shape", "V_m")  # of a table, whether the tolerance is kept
 _ENOUGH = 192  # nodes, to follow a displacement of 1e-4
 _ALL = Checks(tail=np.inf, drift=np.inf)  # judged here by their error alone
 
@@ -87,6 +88,13 @@ PLAN = {
         96: _tolerances(None, None, None, 8),
     },
     "pair": {64: {"Euler": (200, 400)} | _tolerances(4, 5, 6, 7)},
+}
+# nodes that resolve what is asked for, and the least tolerance for which they do
+RESOLVED = {
+    "POP": {96: 1e-7},
+    "budding": {192: 1e-6, 256: 1e-7},
+    "tank-treading": {64: 1e-7},
+    "pair": {64: 1e-7},
 }
 QUICK = dict(
     plan={"tank-treading": {32: {"Euler": (40,), "ARK4": (1e-3, 1e-4)}}},
@@ -233,11 +241,21 @@ def by_default(schemes, vesicles):
     runs = [
         run
         for scheme in ("ARK4", "ARK5")
-        for run in zip(*(schemes[scheme][name] for name in ("settings", "shape", "V_m")), strict=True)
+        if scheme in schemes
+        for run in zip(*(schemes[scheme][part] for part in JUDGED), strict=True)
         if type(SCHEMES[scheme]) is type(for_tolerance(run[0], vesicles))
     ]
-    settings, shape, V_m = zip(*sorted(runs, reverse=True), strict=True)
-    return {"settings": settings, "shape": shape, "V_m": V_m}
+    return dict(zip(JUDGED, zip(*sorted(runs, reverse=True), strict=True), strict=True))
+
+
+def resolved(nodes, least, vesicles):
+    """Likewise, each with the fewest nodes that resolve it: `least` is {nodes: least tolerance}."""
+    runs, above = [], np.inf
+    for N, tolerance in least.items():
+        table = by_default(nodes[str(N)], vesicles)
+        runs += [run for run in zip(*table.values(), strict=True) if 0.9 * tolerance < run[0] < 0.9 * above]
+        above = tolerance
+    return dict(zip(JUDGED, zip(*runs, strict=True), strict=True))
 
 
 @styled
@@ -290,6 +308,10 @@ def report(found) -> None:
                     print(f"    {_proportion(table)}")
             if {"ARK4", "ARK5"} <= schemes.keys():
                 print(f'  N = {N}, as method = "auto" chooses: {_proportion(by_default(schemes, vesicles))}')
+        least = RESOLVED[name]
+        if all(str(N) in scene["nodes"] for N in least):
+            kept = _proportion(resolved(scene["nodes"], least, vesicles))
+            print(f"  N = {' and '.join(map(str, least))}, likewise, where they resolve it: {kept}")
     if "Euler" in (schemes := found.get("POP", {}).get("nodes", {}).get("64", {})):
         euler, order = seconds_for(schemes["Euler"], 1e-4)
         ours, _ = seconds_for(schemes["ARK4"], 1e-4)

@@ -70,6 +70,10 @@ def test_runs_by_default_are_those_of_the_scheme_that_a_scene_file_takes():
     schemes = {"Euler": {"settings": [500], "shape": [7.0], "V_m": [7.0]}, "ARK4": ark4, "ARK5": ark5}
     assert convergence.by_default(schemes, 1)["shape"] == (1.0, 2.0, 30.0)
     assert convergence.by_default(schemes, 2)["V_m"] == (0.1, 2.0, 3.0)
+    finer = {"ARK5": ark5 | {"shape": [4.0, 5.0, 6.0]}}
+    taken = convergence.resolved({"64": schemes, "96": finer}, {64: 1e-5, 96: 1e-6}, 1)
+    assert taken == {"settings": (1e-3, 1e-5, 1e-6), "shape": (1.0, 2.0, 6.0), "V_m": (0.1, 0.2, 3.0)}
+    assert convergence.resolved({"64": schemes}, {64: 1e-5}, 1)["settings"] == (1e-3, 1e-5)
 
 
 def test_convergence_compares_schemes_with_one_reference():
