@@ -327,6 +327,8 @@ def report(found) -> None:
 
 
 def main(names):
+    if unknown := [name for name in names if name not in SCENES]:
+        sys.exit(f"scene {unknown[0]!r}: expected some of {', '.join(SCENES)}")
     path = HERE / "data" / "convergence.json"
     found = json.loads(path.read_text())["data"] if names and path.exists() else {}
     for name in names or SCENES:
