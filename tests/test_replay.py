@@ -98,6 +98,23 @@ def test_derivatives_are_those_of_the_steps_made():
         np.testing.assert_allclose(gradient[i], (4 * near - far) / 3, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.parametrize("recorded", [64, None])
+def test_what_is_saved_when_a_field_begins_to_fall_does_not_depend_on_when_that_is(recorded):
+    """Though a step ends at the save, and one where the field begins to fall; what comes later does depend on it."""
+
+    def deformations(end):
+        field = dc_field(6.4, conductivity_ratio=0.1, history=Pulse(0.0, end, 5e-3))
+        what = make_scene(shapes.ellipse(24, 0.9, angle=jnp.pi / 2), field=field)
+        result = simulate(what, T_END, saves=2, march=Adaptive(1e-3, recorded=recorded))
+        return result.diagnostics["deformation"][1:, 0]
+
+    slopes = jax.jit(lambda end: jax.jvp(deformations, (end,), (1.0,))[1])
+    at, just_after = slopes(T_END / 2), slopes(T_END / 2 + 1e-9)
+    assert at[0] == just_after[0] == 0.0
+    assert abs(at[1]) > 1e-3
+    np.testing.assert_allclose(at[1], just_after[1], rtol=1e-4)
+
+
 def test_lanes_of_a_batch_keep_to_themselves():
     """A quiet scene, a violent one of more steps, and one that is not a number: gradients as they are alone."""
     scales = jnp.array([[0.5, 1.0, 0.5, 1.0, 1.0], [1.0, 1.0, 6.0, 1.0, 1.0], [jnp.nan, 1.0, 1.0, 1.0, 1.0]])
