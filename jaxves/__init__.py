@@ -96,6 +96,7 @@ _LAYERS = {
     # the command line
     "console": (),
     "template": (),
+    "regime": (),
     "conversion": (),
     "summary": (),
     "sweepsummary": (),

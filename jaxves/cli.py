@@ -218,8 +218,15 @@ def units(
     mu: Annotated[float, typer.Option("--mu", help="Viscosity, in Pa s.")],
     G_m: Annotated[float, typer.Option("--G-m", help="Membrane conductance, in S/m².")] = 0.0,
     shear_rate: Annotated[float, typer.Option("--shear-rate", help="Shear rate, in 1/s.")] = 0.0,
+    reduced_area: Annotated[
+        float, typer.Option("--reduced-area", help="4π area / perimeter², for the estimates of the regime.")
+    ] = 0.9,
 ) -> None:
-    """Convert laboratory quantities to dimensionless numbers and to tables of a scene file."""
+    """Convert laboratory quantities to the model's numbers, and say where the model ends for them.
+
+    Prints the dimensionless numbers, the units of results, the regime of the vesicle (wrinkles, inertia, voltage,
+    charge relaxation) with a warning for each limit that is passed, and the tables of a scene file.
+    """
     quantities = dict(
         a=a, E=E, sigma_i=sigma_i, sigma_e=sigma_e, epsilon=epsilon, C_m=C_m, kappa_B=kappa_B, mu=mu, G_m=G_m,
         shear_rate=shear_rate,
@@ -229,8 +236,10 @@ def units(
         if not math.isfinite(value) or (value < 0 and name != "shear_rate") or (value == 0 and not may_vanish):
             wanted = "a finite number" if name == "shear_rate" else f"a finite number {'>=' if may_vanish else '>'} 0"
             raise console.refused(f"--{name.replace('_', '-')} = {value}, expected {wanted}.")
+    if not 0 < reduced_area < 1:
+        raise console.refused(f"--reduced-area = {reduced_area}, expected a number > 0 and < 1.")
     from .conversion import conversion
     from .units import Physical
 
-    for part in conversion(Physical(**quantities)):
+    for part in conversion(Physical(**quantities), reduced_area):
         console.out.print(part, markup=False)

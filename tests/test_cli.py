@@ -206,6 +206,17 @@ def test_units_prints_numbers_scales_and_tables_for_a_scene():
     assert f"{mu * a**3 / kappa_B:.6g}" in out
     parse(tomllib.loads(VESICLE) | tables)
     assert "[flow]" not in call("units", *options(**{"shear-rate": 0.0}))[1]
+    # β/χ = 7e4 at 1.5 V: a giant vesicle in a strong field, which the model does not describe.
+    assert f"{epsilon * E**2 * a**3 / kappa_B:.3g}" in out
+    warned = [line.split(":")[0] for line in out.splitlines() if line.startswith("! ")]
+    assert warned == ["! Inertia", "! Poration", "! Wrinkles"]
+    assert "! " not in call("units", *options(E=1e3))[1]
+
+
+@pytest.mark.parametrize("value", ["0", "1", "1.2", "nan", "-0.5"])
+def test_units_refuses_a_reduced_area_that_no_vesicle_has(value):
+    code, out, err = call("units", *options(), "--reduced-area", value)
+    assert code == 2 and out == "" and "--reduced-area" in err and "> 0 and < 1" in err
 
 
 @pytest.mark.parametrize(

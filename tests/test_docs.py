@@ -16,6 +16,11 @@ def test_the_api_reference_has_a_page_for_each_module(tmp_path):
     assert "Runs a scene to" in (tmp_path / "jaxves.html").read_text()
 
 
+def test_the_table_of_experiments_is_what_its_command_prints():
+    table = runpy.run_path(str(ROOT / "docs" / "which_experiments.py"))["table"]()
+    assert table in (ROOT / "docs" / "which-experiments.md").read_text(encoding="utf-8")
+
+
 def test_the_version_to_cite_is_the_version_there_is():
     cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert cited[1] == jaxves.__version__
