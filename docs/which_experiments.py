@@ -1,6 +1,8 @@
 """Prints the table of which-experiments.md: laboratory vesicles, their numbers, and the limits that they pass.
 
     python docs/which_experiments.py
+
+Where a number changes, the table of the page is to be replaced by what this prints.
 """
 
 from collections.abc import Iterator

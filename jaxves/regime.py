@@ -120,6 +120,6 @@ def limits(found: Regime) -> Iterator[str]:
     if found.nodes > MEASURED_NODES:
         yield (
             f"Wrinkles: the field compresses the membrane into about {found.wrinkles:.0f} waves, which need "
-            f"{found.nodes} nodes; up to {MEASURED_NODES} have been measured. With fewer a run ends as unresolved or, from "
-            "a start that nothing disturbs, leaves the wrinkles out. A weaker field or a smaller vesicle needs less."
+            f"{found.nodes} nodes; up to {MEASURED_NODES} have been measured. With fewer a run ends as unresolved or, "
+            "from a start that nothing disturbs, leaves the wrinkles out. A weaker field or smaller vesicle needs less."
         )

@@ -12,6 +12,7 @@ import pytest
 from experiments import (
     _common,
     after_budding,
+    beside_others,
     close_evaluation,
     order_in_time,
     pop_and_budding,
@@ -34,6 +35,21 @@ def test_throughput_counts_in_linear_solves_and_times_what_is_present():
     assert found["by what is present"]["flow"] > 0
     assert found["POP run"]["steps"] > 0
     throughput.draw(found)
+
+
+def test_the_plain_code_that_jaxves_is_measured_against_computes_the_same():
+    """Velocities for the same nodes and charge: spectrally close, so that both solve one problem."""
+    coarse, fine = beside_others.same_computation(48), beside_others.same_computation(128)
+    assert coarse < 1e-3 and fine < 1e-8
+
+
+@pytest.mark.slow
+def test_beside_others_times_all_schemes_and_knows_their_errors():
+    row = beside_others.run(**beside_others.QUICK)["by size"][32]
+    errors = row["error of the deformation"]
+    assert all(seconds > 0 for seconds in row["seconds"].values())
+    assert errors["jaxves, fourth order"] < 1e-6 < errors["plain NumPy"] < 1e-2
+    assert row["over plain NumPy"]["plain NumPy"] == 1
 
 
 @pytest.mark.slow
