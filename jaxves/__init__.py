@@ -91,6 +91,7 @@ _LAYERS = {
     "team": (),
     "sweeping": ("sweep",),
     "plotstyle": (),
+    "moments": (),
     "plot": (),
     "sweepplot": (),
     # the command line

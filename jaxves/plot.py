@@ -23,13 +23,14 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from . import fourier, membrane
+from . import fourier, membrane, moments
 from .around import around
 from .equation import Equation
 from .motion import Unknowns
 from .plotstyle import COLUMN, INK, PAGE, STYLE, SYMBOLS, component_label, quantity_label, scale, time_label
 
 _GRADIENTS = {"shear": ((0, 1), (0, 0)), "extension": ((1, 0), (0, -1))}
+_ANGLES = ("inclination", "inclination_unwrapped")
 _HISTORY = ("deformation", "inclination_unwrapped", "effective_viscosity", "max_V_m", "min_gap")
 
 
@@ -61,13 +62,14 @@ def membranes(
 
 @rc_context(STYLE)
 def snapshots(record, times: Sequence[float] | None = None, *, count: int = 5, color: str | None = None) -> Figure:
-    """Shapes side by side at the saved times nearest to `times`, or at `count` equally spaced ones.
+    """Shapes side by side at the saved times nearest to `times`, or at up to `count` that show how the shape changed.
 
+    These are the first, the last, and others spread evenly along the change of shapes and places, so that a square
+    which lasts a moment is drawn and a long rest is not drawn twice. Hardly any change: evenly spread in time.
     `color` is "V_m" (default where there is one) or "tension"; all panels share lengths and colours.
     """
     t, x = np.asarray(record.t), np.asarray(record.x)
-    times = np.linspace(t[0], t[-1], count) if times is None else times
-    rows = [int(np.argmin(np.abs(t - time))) for time in times]
+    rows = moments.instants(t, x, count) if times is None else [int(np.argmin(np.abs(t - time))) for time in times]
     color, values = _coloring(record, color)
     colors = scale(values[rows])
     window = _window(x[rows], margin=0.2, below=0.45)
@@ -98,28 +100,44 @@ def snapshots(record, times: Sequence[float] | None = None, *, count: int = 5, c
 def history(record, names: Sequence[str] | None = None) -> Figure:
     """Diagnostics against time, one under the other; vesicles and components of each told apart by colour.
 
+    Inclinations are in degrees, with a gap where a shape as long as it is broad has none. Without `names` the
+    usual diagnostics that the record has are drawn, the inclination only where it moves by more than a degree.
     Raises ValueError for a name that the record has not.
     """
     known = record.diagnostics
-    names = [name for name in _HISTORY if name in known] if names is None else list(names)
+    names = _usual(record) if names is None else list(names)
     if not names or not set(names) <= set(known):
         raise ValueError(f"Diagnostics to draw must be among {', '.join(sorted(known))}, but are {names}.")
     figure = Figure(figsize=(COLUMN, 0.35 + 1.05 * len(names)))
     axes = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
     for ax, name in zip(axes, names, strict=True):
-        values = np.asarray(known[name])
+        values, label = _curves(record, name)
         for index in np.ndindex(values.shape[1:]):
             ax.plot(
                 np.asarray(record.t), values[(slice(None), *index)], label=component_label(name, values.shape, index)
             )
         if values[0].size > 1:
             ax.legend(ncols=values[0].size, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0, handlelength=1.2)
-        ax.set_ylabel(quantity_label(name))
+        ax.set_ylabel(label)
         ax.margins(x=0)
         ax.spines[["top", "right"]].set_visible(False)
     axes[-1].set_xlabel(r"$t/t_\kappa$")
     figure.align_ylabels(axes)
     return figure
+
+
+def _usual(record) -> list[str]:
+    """The names that a history shows by default."""
+    names = [name for name in _HISTORY if name in record.diagnostics]
+    return [name for name in names if name not in _ANGLES or moments.turns(_curves(record, name)[0])]
+
+
+def _curves(record, name: str) -> tuple[np.ndarray, str]:
+    """The values of a diagnostic as they are drawn, (T, …), and the label of their axis."""
+    values = np.asarray(record.diagnostics[name])
+    if name in _ANGLES:
+        return moments.drawn_angle(np.asarray(record.x), values), f"{SYMBOLS[name]} (degrees)"
+    return values, quantity_label(name)
 
 
 def streamlines(equation: Equation, t: float, y: Unknowns, **how) -> Figure:

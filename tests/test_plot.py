@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from jaxves import plot, shapes
+from jaxves import moments, plot, shapes
 from jaxves.around import around
 from jaxves.equation import equation_for
 from jaxves.motion import Unknowns
@@ -96,6 +96,66 @@ def test_snapshots_share_window_and_colours():
     assert sum("V_m" in ax.get_ylabel() for ax in figure.axes) == 1
 
 
+def flipping(rest=0.5):
+    """At rest until `rest`, then an ellipse that becomes a circle and an ellipse across, within a fifth of the time."""
+    t = np.linspace(0.0, 1.0, 201)
+    r = np.exp(0.3 * np.cos(np.pi * np.clip((t - rest) / 0.2, 0, 1)))
+    theta = 2 * np.pi * np.arange(N) / N
+    x = np.stack([np.cos(theta) / r[:, None], np.sin(theta) * r[:, None]], axis=-1)[:, None]
+    angle = np.where(r > 1, np.pi / 2, np.pi)[:, None]  # as followed in time, through the circle
+    diagnostics = {"deformation": np.tanh(np.log(r))[:, None], "inclination_unwrapped": angle}
+    return SimpleNamespace(t=t, x=x, V_m=None, tension=np.ones((201, 1, N)) + theta, diagnostics=diagnostics, scene="")
+
+
+def test_snapshots_show_the_instants_at_which_the_shape_changes():
+    """The circle in the middle of a fast change, which no equally spaced times meet; the ends in any case."""
+    fast = flipping()
+    rows = moments.instants(fast.t, fast.x, 5)
+    assert (rows[0], rows[-1]) == (0, 200)
+    assert abs(fast.diagnostics["deformation"][rows[2], 0]) < 0.02
+    assert fast.diagnostics["deformation"][rows[1], 0] > 0.1 > -0.1 > fast.diagnostics["deformation"][rows[3], 0]
+    panels = [ax.get_title() for ax in plot.snapshots(fast).axes if ax.get_title()]
+    assert len(panels) == 5 and panels[2] == r"$t = 0.6\,t_\kappa$"
+
+
+def test_snapshots_of_what_hardly_changes_are_spread_evenly_in_time():
+    treading = record()
+    treading.x[:] = treading.x[0]
+    assert moments.instants(treading.t, treading.x, 4).tolist() == [0, 2, 4, 6]
+
+
+def test_snapshots_leave_out_what_broke_down():
+    broken = flipping()
+    broken.x[150:] = np.nan
+    assert moments.instants(broken.t, broken.x, 5).tolist()[-1] == 149
+    broken.x[:] = np.nan
+    assert moments.instants(broken.t, broken.x, 5).tolist() == [0]
+
+
+def test_snapshots_follow_two_vesicles_that_move_apart_without_changing_shape():
+    t = np.linspace(0, 1, 11)
+    x = np.repeat(record(2).x[:1], 11, axis=0)
+    x[:, 1] += 3 * np.minimum(t, 0.5)[:, None, None]
+    assert moments.instants(t, x, 3).tolist() in ([0, 2, 10], [0, 3, 10])
+
+
+def test_a_history_shows_the_inclination_in_degrees_and_only_where_there_is_one():
+    """A jump by a right angle through a circle is no motion: no panel by default, a gap when asked for."""
+    jumping = flipping()
+    assert [ax.get_ylabel() for ax in plot.history(jumping).axes] == ["$D$"]
+    asked = plot.history(jumping, ["inclination_unwrapped"]).axes[0]
+    drawn = asked.lines[0].get_ydata()
+    assert asked.get_ylabel() == r"$\theta$ (degrees)"
+    assert set(drawn[np.isfinite(drawn)]) == {90.0, 180.0} and np.isnan(drawn[120])
+    coarse = moments.drawn_angle(jumping.x[::40], jumping.diagnostics["inclination_unwrapped"][::40])
+    assert np.isnan(coarse).sum() == 1  # a gap between the two directions, even where no saved shape is round
+
+    turning = flipping(rest=2.0)
+    turning.diagnostics["inclination_unwrapped"] = np.linspace(0, 1.5 * np.pi, 201)[:, None]
+    angle = plot.history(turning).axes[1].lines[0].get_ydata()
+    np.testing.assert_allclose(angle, np.linspace(0, 270, 201))
+
+
 def test_snapshots_show_the_imposed_field_and_flow_that_are_there():
     assert r"$\mathbf{E}_\infty$" in labels(plot.snapshots(record()))
     both = labels(plot.snapshots(record(text=FIELD + SHEAR)))
@@ -107,14 +167,14 @@ def test_snapshots_show_the_imposed_field_and_flow_that_are_there():
 
 
 def test_no_labels_of_snapshots_overlap():
-    figure = plot.snapshots(record(2, FIELD + SHEAR), count=8)
+    figure = plot.snapshots(record(2, FIELD + SHEAR), count=T)
     figure.draw_without_rendering()
     renderer = figure.canvas.get_renderer() if hasattr(figure.canvas, "get_renderer") else figure._get_renderer()
     words = [ax.title for ax in figure.axes if ax.get_title()] + [
         text for text in figure.findobj(Annotation) if text.get_text()
     ]
     boxes = [text.get_window_extent(renderer) for text in words]
-    assert len(boxes) == 8 + 3
+    assert len(boxes) == T + 3
     assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
