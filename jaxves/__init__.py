@@ -8,10 +8,28 @@ Modules are imported when first asked for, so that the command line answers at o
 
 import importlib
 import os
+import re
 import sys
 from importlib.metadata import version
 
 __version__ = version("jaxves")
+
+_OLDEST_JAX = "0.10.0"
+
+
+def _refuse_old_jax() -> None:
+    """Raises ImportError if the installed JAX is older than `_OLDEST_JAX`, as it can be where pip was bypassed.
+
+    With an older JAX, reverse mode fails with errors from inside JAX that do not name the cause.
+    """
+    found = version("jax")
+    if [int(part) for part in re.findall(r"\d+", found)] < [int(part) for part in _OLDEST_JAX.split(".")]:
+        raise ImportError(
+            f"jaxves needs jax >= {_OLDEST_JAX}, found {found}: python -m pip install --upgrade jax jaxlib"
+        )
+
+
+_refuse_old_jax()
 
 if os.environ.setdefault("JAX_ENABLE_X64", "1").lower() not in {"0", "false"} and "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", True)

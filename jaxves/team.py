@@ -7,9 +7,10 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from jax._src import distributed
 
 _WEEK = 7 * 24 * 3600 * 1000  # milliseconds
+_BARRIER = "jax._src.distributed.global_state.client.wait_at_barrier"
+_KNOWN_JAX = "0.10.2"  # has it
 
 
 def is_first() -> bool:
@@ -38,8 +39,21 @@ def _of_process(path: Path, number: str) -> Path:
 
 
 def wait(name: str) -> None:
-    """Until all processes have come here; each place where they wait needs a name of its own."""
+    """Returns when all processes have come here; each place where they wait needs a name of its own.
+
+    Raises RuntimeError if this release of JAX does not have the barrier, which is not part of its public interface.
+    A lone process does not need it.
+    """
     if jax.process_count() > 1:
         # JAX's public barrier is a collective, which on CPU gives up after half a minute; here processes may be
         # hours apart. The service behind `jax.distributed` has one with a time limit of one's own.
-        distributed.global_state.client.wait_at_barrier(name, timeout_in_ms=_WEEK)
+        try:
+            from jax._src.distributed import global_state
+
+            barrier = global_state.client.wait_at_barrier
+        except (ImportError, AttributeError) as error:
+            raise RuntimeError(
+                f"The processes of a sweep cannot wait for each other: jax {jax.__version__} lacks {_BARRIER} "
+                f"({error}); use one process, or python -m pip install jax=={_KNOWN_JAX}"
+            ) from error
+        barrier(name, timeout_in_ms=_WEEK)
