@@ -5,10 +5,11 @@
 β × G at Λ = 0.1 for Δ = 0.9, 0.8, 0.6, as the paper's figure: 7 × 7 cases each, then refined twice where the class
 changes, which gives the boundary of a 25 × 25 grid. A run ends when nothing moves any more, or with POP. Cases that 64
 nodes do not resolve are computed again with 128. At seven G the field β₀ that ends the class P is then sought by
-`jaxves.critical_field`, between the fields of the grid on both sides of it, and drawn as points.
+`jaxves.find_critical_field`, between the fields of the grid on both sides of it, and drawn as points.
 
 What to expect: P at small β, O at large G, POP between, with a critical β at G = 0 that grows as Δ falls. A vesicle
-at a boundary lingers: where it has not made up its mind by the end, it is called "open".
+at a boundary lingers: where it has not made up its mind by the end, it is called "open". All starts are exactly
+symmetric: `broken_symmetry` tells which of these classes a disturbed start has, too.
 """
 
 import dataclasses

@@ -123,14 +123,18 @@ _LAYERS = {
     "pictures": (),
     "cli": (),
 }
-_HOME = {name: module for module, names in _LAYERS.items() for name in names}
+# A function with the name of its module cannot be `jaxves.NAME`, which is the module: it has a second name here.
+_ALIASES = {"find_critical_field": "critical_field", "find_steady_shape": "steady", "fit_scene": "fit"}
+_HOME = {name: (module, name) for module, names in _LAYERS.items() for name in names}
+_HOME |= {alias: (module, module) for alias, module in _ALIASES.items()}
 
 __all__ = [*_LAYERS, *_HOME]
 
 
 def __getattr__(name: str):
     if name in _HOME:
-        value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+        module, attribute = _HOME[name]
+        value = getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
         globals()[name] = value  # the next time without a detour
         return value
     if name in _LAYERS:

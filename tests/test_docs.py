@@ -21,6 +21,14 @@ def test_the_table_of_experiments_is_what_its_command_prints():
     assert table in (ROOT / "docs" / "which-experiments.md").read_text(encoding="utf-8")
 
 
+def test_this_software_is_cited_first_and_the_paper_of_the_model_with_it():
+    """`preferred-citation` would take the place of the software in "Cite this repository"."""
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert "preferred-citation" not in text
+    assert re.search(r"^type: software$", text, re.MULTILINE)
+    assert "Electrohydrodynamics of deflated vesicles" in text.partition("references:")[2]
+
+
 def test_the_version_to_cite_is_the_version_there_is():
     cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert cited[1] == jaxves.__version__

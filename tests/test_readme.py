@@ -4,6 +4,9 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
+
+import jaxves
 
 README = Path(__file__).parent.parent / "README.md"
 
@@ -19,3 +22,22 @@ def test_the_python_of_the_readme_runs(capsys):
     D = np.asarray(names["result"].diagnostics["deformation"])[:, 0]
     assert D[0] > 0 > D.min() and D[-1] > 0
     assert np.isfinite(float(printed.splitlines()[-1]))
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/which-experiments.md", "docs/claims.md"])
+def test_what_a_page_calls_can_be_called(page):
+    """Every `jaxves.NAME(` of the page, and every `jaxves.NAME` is there."""
+    text = (README.parent / page).read_text(encoding="utf-8")
+    for called in re.findall(r"\bjaxves\.([a-z_][\w.]*)\(", text):
+        found = jaxves
+        for part in called.split("."):
+            found = getattr(found, part)
+        assert callable(found), called
+    for name in re.findall(r"`jaxves\.(\w+)", text):
+        assert hasattr(jaxves, name), name
+
+
+def test_functions_that_share_the_name_of_their_module_have_one_of_their_own():
+    assert jaxves.find_critical_field is jaxves.critical_field.critical_field
+    assert jaxves.find_steady_shape is jaxves.steady.steady
+    assert jaxves.fit_scene is jaxves.fit.fit
