@@ -36,15 +36,19 @@ if os.environ.setdefault("JAX_ENABLE_X64", "1").lower() not in {"0", "false"} an
 
 _LAYERS = {
     # vocabulary
+    "bounds": (),
     "arrays": (),
+    "arguments": (),
     "fourier": (),
     "status": (),
     "lanes": (),
     # geometry
+    "outlines": (),
     "curve": ("Curve",),
     "shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points"),
     # potentials: of one curve, at points away from it, and between curves
     "potentials": (),
+    "starts": (),
     "interactions": ("Pairwise",),
     "neighbours": (),
     "summation": ("MatrixFree",),
@@ -75,7 +79,6 @@ _LAYERS = {
     "around": (),
     # scene files: checked tables, and what they describe
     "units": ("Physical",),
-    "outlines": (),
     "tables": (),
     "values": (),
     "vesicletables": (),

@@ -10,13 +10,20 @@ The unknown is w rather than q: it stays finite at Λ = 1, where q = 0. As ∮ E
 Λ → ∞, where ½ + S' alone is singular.
 """
 
+import dataclasses
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
+from .arguments import Bounded, is_known, refusal
 from .arrays import NodePoints, Nodes, PerVesicle, Scalar, as_float
+from .bounds import FINITE, NOT_NEGATIVE, POSITIVE, RATIO
 from .curve import Curve, d_ds
 from .history import AbstractHistory
+
+_PER_VESICLE = ("conductivity_ratio", "membrane_conductance", "membrane_chi", "permittivity_ratio")
 
 
 def inner_share(conductivity_ratio: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
@@ -27,12 +34,25 @@ def inner_share(conductivity_ratio: Float[Array, "*batch"]) -> Float[Array, "*ba
     return jnp.where(small, below / (1 + below), 1 / (1 + inverse))
 
 
-class Field(eqx.Module):
+class Field(Bounded):
     """The imposed field and what the membranes and fluids do to it; (M,) arrays are per vesicle.
 
     β = ε|E_∞|² a C_m / μσ_e and χ are the reference numbers that scale the Maxwell stress; a vesicle
     whose own capacitance differs has its own `membrane_chi`.
+
+    Raises:
+        ValueError: a known number is out of its bounds, or shapes do not fit.
     """
+
+    bounds: ClassVar = {
+        "beta": NOT_NEGATIVE,
+        "chi": POSITIVE,
+        "conductivity_ratio": RATIO,
+        "membrane_conductance": NOT_NEGATIVE,
+        "membrane_chi": POSITIVE,
+        "permittivity_ratio": POSITIVE,
+        "direction": FINITE,
+    }
 
     beta: Scalar = eqx.field(converter=as_float)
     chi: Scalar = eqx.field(converter=as_float)
@@ -42,6 +62,26 @@ class Field(eqx.Module):
     permittivity_ratio: PerVesicle = eqx.field(converter=as_float)  # ε_i/ε_e
     direction: Float[Array, "2"] = eqx.field(converter=as_float)
     history: AbstractHistory | None = None
+
+    def __check_init__(self):
+        for name in ("beta", "chi"):
+            if getattr(self, name).shape != ():
+                raise refusal(f"Field.{name}", getattr(self, name), "one number")
+        for name in _PER_VESICLE:
+            if getattr(self, name).ndim != 1 or getattr(self, name).shape != self.conductivity_ratio.shape:
+                raise refusal(f"Field.{name}", getattr(self, name), "one number for each vesicle, (M,)")
+        if not isinstance(self.history, AbstractHistory | None):
+            raise refusal("Field.history", self.history, "a factor of time, such as Pulse(0.0, 1.0, 1e-3), or None")
+        if self.direction.shape != (2,) or (is_known(self.direction) and not self.direction.any()):
+            raise refusal("Field.direction", self.direction, "two finite numbers, not both zero")
+
+    def is_within_bounds(self) -> Bool[Array, ""]:
+        return super().is_within_bounds() & jnp.any(self.direction != 0)
+
+    def for_vesicles(self, M: int) -> "Field":
+        """The field of one vesicle, its numbers repeated for M."""
+        repeated = {name: jnp.broadcast_to(getattr(self, name), (M,)) for name in _PER_VESICLE}
+        return dataclasses.replace(self, **repeated)
 
     def unit_direction(self) -> Float[Array, "2"]:
         """`direction`, normalised."""

@@ -1,15 +1,18 @@
 """Imposed flows v_∞(x, t), linear in position; their strength is the capillary number Ca."""
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
+from .arguments import Bounded, is_known, refusal
 from .arrays import Scalar, VesiclePoints, as_float
+from .bounds import FINITE
 
 
-class AbstractFlow(eqx.Module):
+class AbstractFlow(Bounded):
     """v_∞ = ∇v·x. The gradient may depend on time."""
 
     @abc.abstractmethod
@@ -25,10 +28,28 @@ class AbstractFlow(eqx.Module):
         """Intrinsic viscosity [μ] from the particle stress tensor (`diagnostics`)."""
 
 
-class Shear(AbstractFlow):
-    """v = Ca (y, 0)."""
+class _OfStrength(AbstractFlow):
+    """A flow whose strength is the capillary number, which may not vanish: leave the flow out (None) instead.
+
+    Raises:
+        ValueError: the capillary number is known to be zero or not finite.
+    """
+
+    bounds: ClassVar = {"capillary_number": FINITE}
 
     capillary_number: Scalar = eqx.field(converter=as_float)
+
+    def __check_init__(self):
+        if self.capillary_number.shape != () or (is_known(self.capillary_number) and self.capillary_number == 0):
+            wanted = "one finite number other than zero"
+            raise refusal(f"{type(self).__name__}.capillary_number", self.capillary_number, wanted)
+
+    def is_within_bounds(self):
+        return super().is_within_bounds() & (self.capillary_number != 0)
+
+
+class Shear(_OfStrength):
+    """v = Ca (y, 0)."""
 
     def gradient(self, t):
         return self.capillary_number * jnp.array([[0.0, 1.0], [0.0, 0.0]])
@@ -38,10 +59,8 @@ class Shear(AbstractFlow):
         return stress[..., 0, 1] / self.capillary_number
 
 
-class Extension(AbstractFlow):
+class Extension(_OfStrength):
     """v = Ca (x, -y)."""
-
-    capillary_number: Scalar = eqx.field(converter=as_float)
 
     def gradient(self, t):
         return self.capillary_number * jnp.array([[1.0, 0.0], [0.0, -1.0]])
@@ -52,9 +71,28 @@ class Extension(AbstractFlow):
 
 
 class Linear(AbstractFlow):
-    """v = ∇v·x with any trace-free gradient, (2, 2)."""
+    """v = ∇v·x with any trace-free gradient, (2, 2).
+
+    Raises:
+        ValueError: the gradient is known to have a trace, which an incompressible fluid has not.
+    """
+
+    bounds: ClassVar = {"velocity_gradient": FINITE}
 
     velocity_gradient: Float[Array, "2 2"] = eqx.field(converter=as_float)
+
+    def __check_init__(self):
+        shape = self.velocity_gradient.shape
+        if shape != (2, 2) or (is_known(self.velocity_gradient) and not self._is_trace_free()):
+            wanted = "a trace-free gradient [[a, b], [c, -a]] of finite numbers"
+            raise refusal("Linear.velocity_gradient", self.velocity_gradient, wanted)
+
+    def _is_trace_free(self) -> Bool[Array, ""]:
+        size = jnp.max(jnp.abs(self.velocity_gradient))
+        return jnp.abs(jnp.trace(self.velocity_gradient)) <= 1e-12 * size
+
+    def is_within_bounds(self):
+        return super().is_within_bounds() & self._is_trace_free()
 
     def gradient(self, t):
         return self.velocity_gradient

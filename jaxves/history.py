@@ -1,12 +1,15 @@
 """How the strength of the imposed field depends on time: a factor on E_∞, 1 for a constant field."""
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
+from .arguments import Bounded, is_known, refusal
 from .arrays import Scalar, as_float
+from .bounds import FINITE, POSITIVE
 
 
 def _later(t: Array) -> Array:
@@ -17,7 +20,7 @@ def _later(t: Array) -> Array:
     return t + 1e-13 * (1 + jnp.abs(t))
 
 
-class AbstractHistory(eqx.Module):
+class AbstractHistory(Bounded):
     """A factor of time, and the instants at which it is not smooth (steps are made to end there)."""
 
     @abc.abstractmethod
@@ -31,6 +34,8 @@ class AbstractHistory(eqx.Module):
 
 class Pulse(AbstractHistory):
     """0, then 1 from `start` for `duration`, then 0 again, with linear flanks of length `rise`."""
+
+    bounds: ClassVar = {"start": FINITE, "duration": POSITIVE, "rise": POSITIVE}
 
     start: Scalar = eqx.field(converter=as_float)
     duration: Scalar = eqx.field(converter=as_float)
@@ -48,6 +53,8 @@ class Pulse(AbstractHistory):
 class Sine(AbstractHistory):
     """offset + amplitude · sin(2π frequency t + phase); frequency in 1/t_κ, phase in radians."""
 
+    bounds: ClassVar = {"frequency": POSITIVE, "amplitude": FINITE, "offset": FINITE, "phase": FINITE}
+
     frequency: Scalar = eqx.field(converter=as_float)
     amplitude: Scalar = eqx.field(converter=as_float, default=1.0)
     offset: Scalar = eqx.field(converter=as_float, default=0.0)
@@ -61,10 +68,28 @@ class Sine(AbstractHistory):
 
 
 class Table(AbstractHistory):
-    """Piecewise linear through (times, values), constant before the first and after the last."""
+    """Piecewise linear through (times, values), constant before the first and after the last.
+
+    Raises:
+        ValueError: times do not increase, or there is not one value for each.
+    """
+
+    bounds: ClassVar = {"times": FINITE, "values": FINITE}
 
     times: Float[Array, "B"] = eqx.field(converter=as_float)
     values: Float[Array, "B"] = eqx.field(converter=as_float)
+
+    def __check_init__(self):
+        if self.times.ndim != 1 or len(self.times) < 2 or (is_known(self.times) and not self._increases()):
+            raise refusal("Table.times", self.times, "two or more increasing times")
+        if self.values.shape != self.times.shape:
+            raise refusal("Table.values", self.values, f"{len(self.times)} numbers, one for each of the times")
+
+    def _increases(self) -> Bool[Array, ""]:
+        return jnp.all(jnp.diff(self.times) > 0)
+
+    def is_within_bounds(self):
+        return super().is_within_bounds() & self._increases()
 
     def __call__(self, t):
         return jnp.interp(t, self.breakpoints(), self.values)

@@ -12,7 +12,9 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from . import diagnostics, membrane, replay, status
+from .arguments import is_known, refusal, require, require_count
 from .arrays import PerVesicle, Scalar, Status, as_float
+from .bounds import FINITE, POSITIVE
 from .curve import Curve
 from .equation import Equation, Filter, equation_for
 from .interactions import AbstractCoupling
@@ -239,8 +241,28 @@ def simulate(
     """
     march = Adaptive() if march is None else march
     checks = Checks() if checks is None else checks
+    _check_arguments(scene, t_end, saves, march, average, checks)
     average = None if average is None else as_float(average)
     return _simulated(scene, as_float(t_end), saves, march, average, checks, filter, coupling)
+
+
+def _check_arguments(scene, t_end, saves, march, average, checks) -> None:
+    kinds = {"scene": (scene, Scene), "march": (march, AbstractMarch), "checks": (checks, Checks)}
+    for name, (value, kind) in kinds.items():
+        if not isinstance(value, kind):
+            raise refusal(name, value, f"a {kind.__name__.removeprefix('Abstract')}")
+    require("t_end", t_end, POSITIVE)
+    if np.shape(t_end) != ():
+        raise refusal("t_end", t_end, "one number")
+    require_count("saves", saves)
+    if average is None:
+        return
+    wanted = "two times (start, end) with 0 <= start < end <= t_end"
+    if np.shape(average) != (2,):
+        raise refusal("average", average, wanted)
+    require("average", average, FINITE)
+    if is_known(average) and not (0 <= average[0] < average[1] and (not is_known(t_end) or average[1] <= t_end)):
+        raise refusal("average", average, wanted)
 
 
 @eqx.filter_jit
@@ -250,6 +272,8 @@ def _simulated(scene, t_end, saves, march, average, checks, filter, coupling) ->
     )
     state = initial_state(equation, march, average)
     first = observe(equation, state.t, state.y, state.angle, state.time_error)
+    code = jnp.maximum(checks.judge(equation, state.t, state.y, first), state.status)
+    state = eqx.tree_at(lambda s: s.status, state, jnp.where(t_end > 0, code, status.INVALID))
     times = t_end * jnp.arange(1, saves + 1) / saves
     state, rows = advance(equation, march, state, times, stops_of(scene, t_end, average), checks)
     rows = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rows)

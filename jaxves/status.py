@@ -16,6 +16,7 @@ COLLISION = 9
 STEP_UNDERFLOW = 10
 TOO_MANY_STEPS = 11
 NOT_FINITE = 12
+INVALID = 13
 RUNNING = -1
 
 WORDS = {
@@ -33,6 +34,7 @@ WORDS = {
     STEP_UNDERFLOW: "step underflow",
     TOO_MANY_STEPS: "too many steps",
     NOT_FINITE: "not finite",
+    INVALID: "invalid",
 }
 
 ADVICE = {
@@ -52,6 +54,8 @@ ADVICE = {
     "step underflow": "The step fell below its limit: the tolerance is out of reach here; use more nodes or loosen it.",
     "too many steps": "The step limit was reached: loosen the tolerance or split the run with --resume.",
     "not finite": "A value overflowed: use a smaller step, or `tolerance` instead of `time_step`.",
+    "invalid": "A number of the scene is out of its bounds, or a starting curve is clockwise or has nodes that are not "
+    "equispaced; make_scene and scene files say which when the values are not traced.",
 }
 
 SUCCESS = frozenset({"complete", "steady", "class reached"})

@@ -14,6 +14,7 @@ short, depends on the scene by way of error estimates only, and has no part in t
 
 import abc
 import dataclasses
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -23,7 +24,9 @@ from jaxtyping import Array, Float, Int
 
 from . import curve as geometry
 from . import fourier, membrane, status
+from .arguments import Bounded, refusal, require_count
 from .arrays import PerVesicle, Scalar, as_float
+from .bounds import TOLERANCE
 from .curve import Curve
 from .equation import Equation
 from .implicit import Frozen
@@ -173,11 +176,15 @@ class AbstractEven(AbstractMarch):
 
 
 class Fixed(AbstractEven):
-    """`steps_per_save` equal steps between saved instants."""
+    """`steps_per_save` equal steps between saved instants; raises ValueError unless that is a whole number >= 1."""
 
     steps_per_save: int = eqx.field(static=True)
     stepper: AbstractStepper = ARK4()
     projection: bool = eqx.field(static=True, default=True)
+
+    def __check_init__(self):
+        require_count("Fixed.steps_per_save", self.steps_per_save)
+        _check_stepper(self)
 
     def to(self, t_save, journey, equation, stops):
         h = (t_save - journey.state.t) / self.steps_per_save
@@ -196,7 +203,12 @@ class Fixed(AbstractEven):
         return Journey(eqx.tree_at(lambda s: s.t, state, arrived))
 
 
-class Adaptive(AbstractMarch):
+def _check_stepper(march: AbstractMarch) -> None:
+    if not isinstance(march.stepper, AbstractStepper):
+        raise refusal(f"{type(march).__name__}.stepper", march.stepper, "a scheme, such as ARK4()")
+
+
+class Adaptive(AbstractMarch, Bounded):
     """Steps whose embedded error stays below `tolerance` in every node and component (PI controller).
 
     For a tight tolerance `stepper=ARK5()` is the better choice, which scene files make by themselves
@@ -208,7 +220,12 @@ class Adaptive(AbstractMarch):
     A derivative, in either mode, records the accepted steps, up to `recorded` of them (more end that run as "too many
     steps"), and follows them once more. `None` records nothing and differentiates the loop of steps itself:
     a third cheaper for the derivative along one direction, and without reverse mode.
+
+    Raises:
+        ValueError: the tolerance is known to be out of its bounds, or the scheme has no error estimate.
     """
+
+    bounds: ClassVar = {"tolerance": TOLERANCE}
 
     tolerance: Scalar = eqx.field(converter=as_float, default=1e-4)
     stepper: AbstractStepper = ARK4()
@@ -217,6 +234,14 @@ class Adaptive(AbstractMarch):
     smallest: float = eqx.field(static=True, default=1e-11)
     max_steps: int = eqx.field(static=True, default=200_000)
     recorded: int | None = eqx.field(static=True, default=1024)
+
+    def __check_init__(self):
+        _check_stepper(self)
+        if not self.stepper.has_error:
+            raise refusal("Adaptive.stepper", self.stepper, "a scheme with an error estimate: ARK4() or ARK5()")
+        require_count("Adaptive.max_steps", self.max_steps)
+        if self.recorded is not None:
+            require_count("Adaptive.recorded", self.recorded)
 
     def forwards(self):
         return dataclasses.replace(self, recorded=None)
@@ -288,7 +313,7 @@ class Adaptive(AbstractMarch):
 
 
 def initial_state(equation: Equation, march: AbstractMarch, average: Array | None = None) -> State:
-    """The state at t = 0."""
+    """The state at t = 0; its status is INVALID where the scene is none that can be started."""
     y = equation.start()
     zero = jnp.zeros(())
     window = None
@@ -306,7 +331,7 @@ def initial_state(equation: Equation, march: AbstractMarch, average: Array | Non
         window=window,
         steps=count,
         rejected=count,
-        status=jnp.int32(status.RUNNING),
+        status=jnp.where(equation.scene.is_valid(), status.RUNNING, jnp.int32(status.INVALID)),
     )
 
 

@@ -9,11 +9,11 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from .scenetables import SceneFile
-from .tables import Expect, Table, number, one_of, refusal
+from .tables import Expect, Table, one_of, refusal
 from .values import Count, Finite
 
 # Any number: what a name may be is the business of the scene's own tables.
-_Number = number("a number", finite=False)
+_Number = Annotated[float, Expect("a number")]
 _Limits = Annotated[
     tuple[Count, Count], Field(strict=False), Expect("two numbers of steps, of the first pass and of the second")
 ]

@@ -14,16 +14,18 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Discriminator,
-    Field,
     Tag,
     ValidationError,
     model_validator,
 )
 from pydantic_core import PydanticCustomError, core_schema
+
+from .bounds import Bounds
 
 
 class SceneError(ValueError):
@@ -55,9 +57,15 @@ class Expect:
         return core_schema.no_info_wrap_validator_function(check, handler(source))
 
 
-def number(expected: str, *, finite: bool = True, **bounds: float | int) -> Any:
-    """A float type within pydantic's `bounds` (gt, ge, lt, le)."""
-    return Annotated[float, Field(allow_inf_nan=not finite, **bounds), Expect(expected)]
+def number(bounds: Bounds) -> Any:
+    """A float type within `bounds`."""
+
+    def check(value: float) -> float:
+        if not bounds.hold(value):
+            raise ValueError
+        return value
+
+    return Annotated[float, AfterValidator(check), Expect(bounds.expected)]
 
 
 def one_of(*words: str) -> Any:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from . import outlines
+from . import bounds, outlines
 from .tables import Expect, number, refusal
 
 
@@ -44,12 +44,12 @@ def _trace_free(value: tuple[tuple[float, float], ...]) -> bool:
     return abs(value[0][0] + value[1][1]) <= 1e-12 * max(map(abs, value[0] + value[1]))
 
 
-Finite = number("a finite number")
-Positive = number("a positive finite number", gt=0)
-NotNegative = number("a finite number >= 0", ge=0)
-Ratio = number("a number >= 0, or inf", finite=False, ge=0)
-ReducedArea = number("a number in (0, 1]", gt=0, le=1)
-Tolerance = number("a number in [1e-12, 0.1]", ge=1e-12, le=0.1)
+Finite = number(bounds.FINITE)
+Positive = number(bounds.POSITIVE)
+NotNegative = number(bounds.NOT_NEGATIVE)
+Ratio = number(bounds.RATIO)
+ReducedArea = number(bounds.REDUCED_AREA)
+Tolerance = number(bounds.TOLERANCE)
 NonzeroNumber = Annotated[Finite, _if(lambda value: value != 0), Expect("a finite number other than zero")]
 Count = Annotated[int, Field(ge=1), Expect("a whole number >= 1")]
 NodeCount = Annotated[

@@ -1,0 +1,76 @@
+"""Checks of what Python callers pass: a value that is known is checked at once, a traced one inside the program.
+
+A value is known when no transformation of JAX is tracing it. Every complaint is a ValueError of one line that names
+the argument, its value and what was expected.
+"""
+
+import operator
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool
+
+from .bounds import Bounds
+
+
+def is_known(*values: Any) -> bool:
+    """Whether no value, nor any part of one, is traced."""
+    return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+
+
+def refusal(argument: str, value: Any, expected: str) -> ValueError:
+    """The error to raise: `argument` has this `value`, and something else was `expected`."""
+    text = " ".join(str(value).split())
+    return ValueError(f"{argument} = {text if len(text) <= 80 else text[:77] + '...'}, expected {expected}.")
+
+
+def require(argument: str, value: Any, bounds: Bounds) -> None:
+    """Raises ValueError when a known `value`, a number or an array of numbers, has an entry out of bounds."""
+    if not is_known(value):
+        return
+    entries = np.asarray(value)
+    if entries.dtype.kind not in "iuf":
+        raise refusal(argument, value, bounds.expected)
+    out = np.argwhere(~np.asarray(bounds.hold(entries)))
+    if len(out):
+        place = f"[{', '.join(map(str, out[0]))}]" if entries.ndim else ""
+        raise refusal(f"{argument}{place}", entries[tuple(out[0])], bounds.expected)
+
+
+def require_count(argument: str, value: Any, least: int = 1) -> None:
+    """Raises ValueError unless `value` is a whole number, at least `least`; True and False are none."""
+    try:
+        counts = not isinstance(value, bool | np.bool_) and operator.index(value) >= least
+    except (TypeError, jax.errors.TracerIntegerConversionError):
+        counts = False
+    if not counts:
+        raise refusal(argument, value, f"a whole number >= {least}")
+
+
+def require_nodes(argument: str, value: Any) -> None:
+    """Raises ValueError unless `value` can be a number of nodes: even, and at least 4."""
+    require_count(argument, value, 4)
+    if value % 2:
+        raise refusal(argument, value, "an even number of nodes")
+
+
+class Bounded(eqx.Module):
+    """A pytree whose numbers have bounds, by the name of the field.
+
+    Raises:
+        ValueError: a known number is out of its bounds.
+    """
+
+    bounds: ClassVar[dict[str, Bounds]] = {}
+
+    def __check_init__(self):
+        for name, limits in self.bounds.items():
+            require(f"{type(self).__name__}.{name}", getattr(self, name), limits)
+
+    def is_within_bounds(self) -> Bool[Array, ""]:
+        """Whether all numbers are; may be traced."""
+        found = [jnp.all(limits.hold(getattr(self, name))) for name, limits in self.bounds.items()]
+        return jnp.all(jnp.stack(found)) if found else jnp.array(True)

@@ -1,0 +1,42 @@
+"""The bounds of physical numbers, declared once: scene files check them, and so does Python, traced or not.
+
+Nothing here imports JAX.
+"""
+
+import dataclasses
+from typing import Any
+
+
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """Which values a number may have: above `gt`, at least `ge`, at most `le`, and finite unless said otherwise.
+
+    `expected` says the same in words, for error messages.
+    """
+
+    expected: str
+    gt: float | None = None
+    ge: float | None = None
+    le: float | None = None
+    finite: bool = True
+
+    def hold(self, value: Any) -> Any:
+        """Whether `value` is within the bounds, entry by entry; takes numbers, NumPy arrays and traced arrays."""
+        within = value == value  # false for NaN
+        if self.finite:
+            within = within & (abs(value) < float("inf"))
+        if self.gt is not None:
+            within = within & (value > self.gt)
+        if self.ge is not None:
+            within = within & (value >= self.ge)
+        if self.le is not None:
+            within = within & (value <= self.le)
+        return within
+
+
+FINITE = Bounds("a finite number")
+POSITIVE = Bounds("a positive finite number", gt=0)
+NOT_NEGATIVE = Bounds("a finite number >= 0", ge=0)
+RATIO = Bounds("a number >= 0, or inf", ge=0, finite=False)
+REDUCED_AREA = Bounds("a number in (0, 1]", gt=0, le=1)
+TOLERANCE = Bounds("a number in [1e-12, 0.1]", ge=1e-12, le=0.1)
