@@ -75,6 +75,10 @@ class Even(AbstractEven):
     stepper: AbstractStepper
     projection: bool = eqx.field(static=True, default=True)
 
+    def with_tolerance(self, factor):
+        steps = jnp.ceil(self.steps * factor ** (-1 / (self.stepper.order + 1))).astype(int)
+        return eqx.tree_at(lambda march: march.steps, self, steps)
+
     def to(self, t_save, journey, equation, stops):
         one = Fixed(1, self.stepper, self.projection)
         start, h = journey.state.t, (t_save - journey.state.t) / self.steps

@@ -28,6 +28,7 @@ import jax.numpy as jnp
 
 from jaxves import marching, problem, scenefile, sweepfile
 from jaxves.batches import Batches
+from jaxves.case import Case
 from jaxves.parameters import scene_of
 
 from ._common import store
@@ -48,7 +49,7 @@ def setting(nodes, t_end, cases):
 def simulated(scene_file, row) -> marching.Result:
     """One case, as a function of its values."""
     scene = scene_of(scene_file, dict(zip(NAMES, row, strict=True)))
-    return marching.simulate(scene, scene_file.t_end, saves=scene_file.saves, march=problem.march_of(scene_file))
+    return marching.simulate(scene, scene_file.t_end, saves=scene_file.saves, march=Case(scene_file).march())
 
 
 def one_by_one(sweep_file, values):

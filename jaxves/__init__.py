@@ -41,6 +41,7 @@ _LAYERS = {
     "arguments": (),
     "fourier": (),
     "status": (),
+    "certificate": (),
     "lanes": (),
     # geometry
     "outlines": (),
@@ -83,11 +84,13 @@ _LAYERS = {
     "values": (),
     "vesicletables": (),
     "scenetables": (),
+    "uses": (),
     "scenefile": (),
     "build": (),
     "parameters": (),
+    "rest": (),
+    "case": (),
     # runs, result files, pictures
-    "certificate": (),
     "hdf5": (),
     "store": (),
     "problem": (),

@@ -23,12 +23,14 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Float
 
 from . import problem
+from .case import Case
 from .marching import Adaptive
 from .outcome import outcome
 from .parameters import scene_of
 from .scenetables import SceneFile
 from .sweeptables import SweepFile
 from .tables import SceneError
+from .uses import SWEEP
 
 METHODS = ("map", "vmap")
 _IN_FLIGHT = 2  # calls dispatched before the first is awaited: a device that is done early goes on
@@ -66,10 +68,11 @@ class Program(NamedTuple):
 
     def outcome(self, max_steps: int, scene):
         """What becomes of one case."""
-        march = problem.march_of(self.scene_file)
+        case = Case.of(self.scene_file, SWEEP)
+        march = case.march()
         if isinstance(march, Adaptive):
             march = dataclasses.replace(march, max_steps=max_steps)
-        return outcome(self.scene_file, self.keep, march, scene)
+        return outcome(case, self.keep, march, scene)
 
 
 @functools.lru_cache(maxsize=16)
@@ -207,22 +210,3 @@ def _free_on_host() -> int:
 
 def _gib(size: int) -> str:
     return f"{size / 2**30:.2g} GiB"
-
-
-def with_fixed_nodes(sweep_file: SweepFile, names: tuple[str, ...], values: Float[np.ndarray, "cases names"]):
-    """The sweep with the number of nodes that all its cases have: for "auto" the fewest that resolve every start."""
-    if sweep_file.scene.numerics.nodes != "auto":
-        return sweep_file
-    finest = problem.with_nodes(sweep_file.scene, problem.AUTO_NODES[-1])
-
-    @jax.jit
-    def resolved(rows):
-        def one(row):
-            x = scene_of(finest, dict(zip(names, row, strict=True))).x
-            return jnp.stack([problem.is_resolved(x, N) for N in problem.AUTO_NODES[:-1]])
-
-        return jnp.all(lax.map(one, rows), axis=0)
-
-    enough = np.flatnonzero(np.append(resolved(values), True))[0]
-    scene: SceneFile = problem.with_nodes(sweep_file.scene, problem.AUTO_NODES[enough])
-    return sweep_file.model_copy(update={"scene": scene})

@@ -35,8 +35,8 @@ class Bounds:
 
 
 FINITE = Bounds("a finite number")
-POSITIVE = Bounds("a positive finite number", gt=0)
-NOT_NEGATIVE = Bounds("a finite number >= 0", ge=0)
-RATIO = Bounds("a number >= 0, or inf", ge=0, finite=False)
-REDUCED_AREA = Bounds("a number in (0, 1]", gt=0, le=1)
+POSITIVE = Bounds("a positive finite number", gt=0.0)
+NOT_NEGATIVE = Bounds("a finite number >= 0", ge=0.0)
+RATIO = Bounds("a number >= 0, or inf", ge=0.0, finite=False)
+REDUCED_AREA = Bounds("a number in (0, 1]", gt=0.0, le=1.0)
 TOLERANCE = Bounds("a number in [1e-12, 0.1]", ge=1e-12, le=0.1)

@@ -22,18 +22,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy.optimize import brentq
 
 from . import phases, status
-from .arrays import ScalarLike, as_float
-from .marching import AbstractMarch, Checks, simulate
-from .motion import Unknowns
-from .parameters import numbers, scene_of, with_numbers
-from .problem import march_of, relaxed, starting_scene
+from .arrays import as_float
+from .case import Case
+from .marching import AbstractMarch, simulate
+from .parameters import numbers, with_numbers
 from .scene import Scene
 from .scenetables import SceneFile
-from .steady import steady
+from .uses import CRITICAL_FIELD
 
 NUMBERS = ("vesicle.reduced_area", "field.conductivity_ratio", "field.membrane_conductance", "field.chi")
 QUANTITIES = ("deformation_along_field", "bending_energy", "tension_max")
@@ -68,37 +67,23 @@ class Slopes(NamedTuple):
     growth: Float[np.ndarray, "T"]  # |∂_β D|
 
 
-def _alone(scene_file: SceneFile) -> None:
+def _alone(scene_file: SceneFile) -> Case:
+    case = Case.of(scene_file, CRITICAL_FIELD)
     if len(scene_file.vesicles()) != 1 or scene_file.field is None:
         raise NoCriticalField("a critical field is sought of one vesicle in a field")
-
-
-class _Starts(eqx.Module):
-    """The scene as a function of its numbers, relaxed first where the file wants it."""
-
-    scene_file: SceneFile = eqx.field(static=True)
-    at_rest: Float[Array, "1 N 2"] | None
-
-    @classmethod
-    def of(cls, scene_file: SceneFile) -> "_Starts":
-        if not scene_file.vesicle[0].relaxed:
-            return cls(scene_file, None)
-        return cls(scene_file, relaxed(starting_scene(scene_file), [True]).x)
-
-    def __call__(self, values: dict[str, ScalarLike]) -> Scene:
-        scene = scene_of(self.scene_file, values)
-        if self.at_rest is None:
-            return scene
-        found = steady(Scene(scene.x, scene.bending), Unknowns(self.at_rest))
-        return eqx.tree_at(lambda s: s.x, scene, found.y.x)
-
-
-_started = eqx.filter_jit(lambda starts, values: starts(values))
+    return case
 
 
 @eqx.filter_jit
-def _history(scene: Scene, t_end, saves: int, march: AbstractMarch):
-    result = simulate(scene, t_end, saves=saves, march=march)
+def _started(case: Case):
+    return case.at_rest(case.scene({}))
+
+
+@eqx.filter_jit
+def _history(case: Case, scene: Scene, march: AbstractMarch):
+    file = case.scene_file
+    solver, coupling = case.solved_by(scene)
+    result = simulate(scene, file.t_end, saves=file.saves, march=march, solver=solver, coupling=coupling)
     return result.t, result.diagnostics["deformation_along_field"][:, 0], result.status
 
 
@@ -126,14 +111,16 @@ def critical_field(
     Raises:
         NoCriticalField: both ends of the bracket are of the same kind, or a run broke down.
     """
-    _alone(scene_file)
-    march = march_of(scene_file) if march is None else march
-    scene = _started(_Starts.of(scene_file), {})
+    case = _alone(scene_file)
+    march = case.march() if march is None else march
+    scene, code = _started(case)
+    if int(code) != status.RUNNING:
+        raise NoCriticalField(f"vesicle.relaxed = true: relaxing ended as {status.WORDS[int(code)]}")
     seen: dict[float, tuple[float, float]] = {}
 
     def g(beta: float) -> float:
         at = eqx.tree_at(lambda s: s.field.beta, scene, jnp.asarray(beta))
-        t, deformation, code = _history(at, scene_file.t_end, scene_file.saves, march)
+        t, deformation, code = _history(case, at, march)
         if int(code) != status.COMPLETE:
             raise NoCriticalField(f"field.beta = {beta}: the run ended as {status.WORDS[int(code)]}")
         seen[beta] = least(np.asarray(t), np.asarray(deformation))
@@ -175,9 +162,9 @@ def discretisation_error(scene_file: SceneFile, beta: float, *, width: float = 0
 
 
 @eqx.filter_jit
-def _pushed(starts: _Starts, values, tangents, t_end, saves: int, march: AbstractMarch):
+def _pushed(case: Case, values, tangents, t_end, saves: int, march: AbstractMarch):
     def quantities(values):
-        result = simulate(starts(values), t_end, saves=saves, march=march, checks=Checks())
+        result = case.simulate(values, t_end=t_end, saves=saves, march=march)
         return {name: result.diagnostics[name][1:, 0] for name in QUANTITIES}, result.t[1:]
 
     _, slopes, t = jax.jvp(quantities, (values,), (tangents,), has_aux=True)
@@ -195,20 +182,19 @@ def slopes(
 ) -> Slopes:
     """How the critical field depends on other numbers of the scene, by forward derivatives of runs at β₀ = `beta`.
 
-    Late instants count, while the vesicle lingers or leaves: from that of least D on. The shape at rest, where the
-    scene starts from it, is differentiated implicitly (`steady`).
+    Late instants count, while the vesicle lingers or leaves: from that of least D on. Where the scene starts from the
+    shape at rest, its run towards that is differentiated as well.
     """
-    _alone(scene_file)
-    march = march_of(scene_file) if march is None else march
-    starts = _Starts.of(scene_file)
+    case = _alone(scene_file)
+    march = case.march(t_end, saves) if march is None else march
     found = numbers(scene_file) | {"field.beta": beta}
     values = {name: as_float(value) for name, value in found.items()}
     # The file is there for what it has besides numbers: one compiled program serves all its numbers.
-    starts = _Starts(with_numbers(scene_file, dict.fromkeys(values, 0.5)), starts.at_rest)
+    case = Case(with_numbers(scene_file, dict.fromkeys(values, 0.5)))
 
     def along(name):
         tangents = {other: as_float(other == name) for other in values}
-        return _pushed(starts, values, tangents, as_float(t_end), saves, march)
+        return _pushed(case, values, tangents, as_float(t_end), saves, march)
 
     t, by_beta = along("field.beta")
     ratios = {}

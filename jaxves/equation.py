@@ -103,6 +103,10 @@ class Equation(eqx.Module):
     symmetry: Symmetry | None  # None: several
     integrands: object = eqx.field(static=True, default=None)  # (Motion, Scene, t) -> dict, or None
 
+    def kept(self) -> dict[str, PerVesicle]:
+        """The areas and perimeters that do not change, by the names of the diagnostics."""
+        return {"area": self.area, "length": 2 * np.pi * self.speed}
+
     def is_circle(self) -> Array:
         """Which vesicles hold all the area that their perimeter allows, to rounding; (M,) booleans."""
         return self.area > (1 - 1e-10) * jnp.pi * self.speed**2

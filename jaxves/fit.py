@@ -28,13 +28,14 @@ from scipy.stats import qmc
 from . import curve as geometry
 from . import fourier, status, transforms
 from .arrays import VesiclePoints, as_float
+from .case import Case
 from .curve import Curve
-from .marching import AbstractMarch, simulate
-from .parameters import numbers, scene_of
-from .problem import march_of
+from .marching import AbstractMarch
+from .parameters import numbers
 from .scenefile import to_toml
 from .scenetables import SceneFile
 from .transforms import Box
+from .uses import FIT
 
 NORMAL_95 = 1.959964
 _LOOSE = 1.0  # half of a 95 % interval beyond which a combination of numbers counts as not determined
@@ -98,7 +99,7 @@ class Model(eqx.Module):
 
     @classmethod
     def of(cls, scene_file: SceneFile, observations: Observations, march: AbstractMarch | None = None) -> "Model":
-        """Raises ValueError for observations that do not belong together."""
+        """Raises ValueError for observations that do not fit together, SceneError for keys that no fit can honour."""
         counts = {len(values) for values in observations.seen.values()}
         if len(counts) != 1 or 0 in counts:
             raise ValueError(f"observations.seen: {sorted(counts)} times, expected the same number of all, at least 1.")
@@ -106,12 +107,14 @@ class Model(eqx.Module):
             if not observations.deviation.get(name, 0.0) > 0:
                 raise ValueError(f"observations.deviation: {name} is missing, expected a positive number.")
         directions = np.shape(observations.seen["radii"])[-1] if "radii" in observations.seen else 0
-        march = (march_of(scene_file) if march is None else march).forwards()
-        return cls(scene_file, tuple(sorted(observations.seen)), directions, counts.pop(), observations.t_end, march)
+        saves = counts.pop()
+        case = Case.of(scene_file, FIT)
+        march = (case.march(observations.t_end, saves) if march is None else march).forwards()
+        return cls(scene_file, tuple(sorted(observations.seen)), directions, saves, observations.t_end, march)
 
     def __call__(self, values: Mapping[str, Array]) -> dict[str, Float[Array, "T ..."]]:
         """NaN where the run does not reach its end."""
-        result = simulate(scene_of(self.scene_file, values), self.t_end, saves=self.saves, march=self.march)
+        result = Case(self.scene_file).simulate(values, t_end=self.t_end, saves=self.saves, march=self.march)
         complete = result.status == status.COMPLETE
         found = {name: jnp.where(complete, value, jnp.nan) for name, value in result.diagnostics.items()}
         if self.directions:

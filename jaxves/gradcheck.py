@@ -16,10 +16,12 @@ from jax.flatten_util import ravel_pytree
 
 from . import differences, parameters, status
 from .arrays import as_float
-from .marching import Fixed, simulate
+from .case import Case
+from .marching import Fixed
 from .scenetables import SceneFile
 from .sensitivity import at_end, pulled, pushed, unit
 from .stepping import turned
+from .uses import GRADIENT_CHECK
 
 MODES_AGREE, DIFFERENCES_AGREE, WORTHLESS = 1e-8, 1e-6, 1e-4
 _SMOOTH = ("deformation", "inclination", "center", "bending_energy", "tank_treading_speed", "stress")
@@ -47,10 +49,10 @@ class BrokenDown(Exception):
     """The run that is to be differentiated does not reach its end; the message is its status in a word."""
 
 
-def _completed(scene_file: SceneFile, t_end: float, steps: int) -> None:
+def _completed(case: Case, t_end: float, march: Fixed) -> None:
     @eqx.filter_jit
     def end():
-        return simulate(parameters.scene_of(scene_file, {}), t_end, saves=1, march=Fixed(steps)).status
+        return case.simulate({}, t_end=t_end, saves=1, march=march).status
 
     code = int(end())
     if code != status.COMPLETE:
@@ -74,11 +76,16 @@ def check(
 ) -> Iterator[Row]:
     """The rows of all numbers of a scene, for its diagnostics after `steps` fixed steps to `t_end`.
 
+    The scheme is the scene's `method`; its tolerance or time step gives way to `steps`.
+
     Raises:
+        SceneError: the scene has a key that no derivative can honour, such as `nodes = "auto"`.
         BrokenDown: the run with the scene's own numbers is not complete.
     """
-    _completed(scene_file, t_end, steps)
-    outcome = at_end(scene_file, quantities_of(scene_file), t_end, march=Fixed(steps))
+    case = Case.of(scene_file, GRADIENT_CHECK)
+    march = Fixed(steps, case.march().stepper)
+    _completed(case, t_end, march)
+    outcome = at_end(scene_file, quantities_of(scene_file), t_end, march=march)
     values = {name: as_float(value) for name, value in parameters.numbers(scene_file).items()}
     progress("forward mode")
     outputs, _ = pushed(outcome, values, unit(values, 0))

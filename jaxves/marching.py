@@ -11,13 +11,15 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from . import diagnostics, membrane, replay, status
+from . import certificate, diagnostics, membrane, replay, status
 from .arguments import is_known, refusal, require, require_count
 from .arrays import PerVesicle, Scalar, Status, as_float
 from .bounds import FINITE, POSITIVE
+from .certificate import Link
 from .curve import Curve
 from .equation import Equation, Filter, equation_for
 from .interactions import AbstractCoupling
+from .linear import AbstractSolver
 from .motion import Unknowns, verdict
 from .potentials import contact
 from .scene import Scene
@@ -55,6 +57,21 @@ class Result(eqx.Module):
     def word(self) -> str:
         """The status in a word (outside compiled code)."""
         return status.WORDS[int(self.status)]
+
+    @property
+    def certificate(self) -> dict[str, Link]:
+        """How far each known property is from holding, by name, at worst over the saved rows (outside compiled code).
+
+        The error of the whole run is not among them: that takes a second run, which `jaxves.run` makes.
+        """
+        there = ~np.isnan(np.asarray(self.t))
+        return certificate.certificate({name: np.asarray(value)[there] for name, value in self.diagnostics.items()})
+
+    @property
+    def digits(self) -> float:
+        """Correct digits by the weakest link of the certificate (outside compiled code)."""
+        links = self.certificate
+        return links[certificate.weakest(links)].digits
 
 
 def observe(
@@ -230,20 +247,35 @@ def simulate(
     average=None,
     checks: Checks | None = None,
     filter: Filter | None = None,
+    solver: AbstractSolver | None = None,
     coupling: AbstractCoupling | None = None,
 ) -> Result:
     """Runs a scene to `t_end`, saving at `saves` equally spaced instants besides t = 0.
 
-    `march` defaults to `Adaptive()`; `average` is a window (start, end) of time averages. Pure: use it
-    under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them. Compiled once for scenes alike,
-    by itself; what surrounds it is not, so that `jax.jit` about the whole is quicker still. Where a run broke down,
-    values are NaN and their derivatives zero, so look at the status.
+    Pure: use it under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them. It is compiled once for
+    scenes of the same structure; `jax.jit` around the caller saves more. Where a run broke down, values are NaN and
+    their derivatives zero, so look at the status.
+
+    Args:
+        scene: what is simulated.
+        t_end: when it ends, in t_κ.
+        saves: number of saved instants besides t = 0.
+        march: how steps are chosen; `Adaptive()` where it is not given.
+        average: a window (start, end) of time averages.
+        checks: limits beyond which a result is no result.
+        filter: modes that are removed; by the number of nodes where it is not given.
+        solver: of one membrane's charge; by size where it is not given.
+        coupling: of several membranes; by size where it is not given.
+
+    Raises:
+        ValueError: an argument of the wrong kind, or a known value out of its bounds. Traced values that are out of
+            theirs end the run as `invalid`.
     """
     march = Adaptive() if march is None else march
     checks = Checks() if checks is None else checks
     _check_arguments(scene, t_end, saves, march, average, checks)
     average = None if average is None else as_float(average)
-    return _simulated(scene, as_float(t_end), saves, march, average, checks, filter, coupling)
+    return _simulated(scene, as_float(t_end), saves, march, average, checks, filter, solver, coupling)
 
 
 def _check_arguments(scene, t_end, saves, march, average, checks) -> None:
@@ -266,10 +298,9 @@ def _check_arguments(scene, t_end, saves, march, average, checks) -> None:
 
 
 @eqx.filter_jit
-def _simulated(scene, t_end, saves, march, average, checks, filter, coupling) -> Result:
-    equation = equation_for(
-        scene, filter=filter, coupling=coupling, integrands=None if average is None else diagnostics.averaged
-    )
+def _simulated(scene, t_end, saves, march, average, checks, filter, solver, coupling) -> Result:
+    integrands = None if average is None else diagnostics.averaged
+    equation = equation_for(scene, filter=filter, solver=solver, coupling=coupling, integrands=integrands)
     state = initial_state(equation, march, average)
     first = observe(equation, state.t, state.y, state.angle, state.time_error)
     code = jnp.maximum(checks.judge(equation, state.t, state.y, first), state.status)
@@ -280,4 +311,14 @@ def _simulated(scene, t_end, saves, march, average, checks, filter, coupling) ->
     code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
     found = {name.removeprefix("diagnostics/"): rows[name] for name in rows if name.startswith("diagnostics/")}
     means = None if average is None else diagnostics.averages(state.window.means(), scene)
+    code = jnp.where(code <= status.CLASS_REACHED, _judged(equation, rows["t"], found, code), code)
     return Result(rows["t"], rows["x"], rows.get("V_m"), rows["tension"], found, means, jnp.int32(code), state)
+
+
+def _judged(equation: Equation, t: Float[Array, "T"], found: dict[str, Array], code: Status) -> Status:
+    """INACCURATE where the rows that were saved say so, else `code`."""
+    there = ~jnp.isnan(t)
+    # Rows after an early end repeat the first, so that they say nothing.
+    rows = jax.tree.map(lambda a: jnp.where(there.reshape(-1, *[1] * (a.ndim - 1)), a, a[:1]), found)
+    greatest = certificate.maxima(rows, equation.kept(), jnp)
+    return jnp.where(certificate.is_inaccurate(greatest, jnp), status.INACCURATE, code)

@@ -10,12 +10,11 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from . import diagnostics, marching, phases, problem, status
+from . import certificate, diagnostics, marching, phases, status
 from .arrays import as_float
-from .equation import equation_for
-from .marching import AbstractMarch, Checks, State
+from .case import Case
+from .marching import AbstractMarch, State
 from .scene import Scene
-from .scenetables import SceneFile
 
 # Whose least and greatest values over all saved times say more than the last ones.
 EXTREMES = (
@@ -41,15 +40,17 @@ class _Seen(eqx.Module):
     final: dict[str, Array]
     least: dict[str, Array]
     greatest: dict[str, Array]
+    worst: dict[str, Array]  # what the certificate is made of
     deformation: Array | None  # along the field at all saved times, (T, M)
 
-    def with_row(self, k: Array, row: dict[str, Array], there: Array) -> "_Seen":
-        """Also the row of saved time number k, if it is there."""
+    def with_row(self, k: Array, row: dict[str, Array], there: Array, kept: dict[str, Array]) -> "_Seen":
+        """Also the row of saved time number k, if it is there; `kept` are the areas and perimeters of the start."""
         found = {name.removeprefix("diagnostics/"): value for name, value in row.items() if "/" in name}
         return _Seen(
             {name: jnp.where(there, found[name], old) for name, old in self.final.items()},
             {name: jnp.fmin(old, found[name]) for name, old in self.least.items()},
             {name: jnp.fmax(old, found[name]) for name, old in self.greatest.items()},
+            jax.tree.map(jnp.fmax, self.worst, certificate.maxima(found, kept, jnp)),
             None if self.deformation is None else self.deformation.at[k].set(found[_CLASSIFIED]),
         )
 
@@ -60,22 +61,21 @@ class _Seen(eqx.Module):
         return jnp.all(now == code) & ~jnp.all(before == code)
 
 
-def outcome(scene_file: SceneFile, keep: tuple[str, ...], march: AbstractMarch, scene: Scene) -> dict[str, Array]:
-    """The end of `scene`, whose numbers may be traced; everything else is that of the file.
+def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scene) -> dict[str, Array]:
+    """The end of `scene`, whose numbers may be traced; everything else is that of the file of `case`.
 
     Returns arrays by name: `status` (a code), `t_reached`, `steps`, `rejected`; `class` (M,) with a field (index into
     `phases.NAMES`); `NAME_final` of every diagnostic, `NAME_average`, and `NAME_min`, `NAME_max` of some; with
     `keep`, `history/NAME` (T, …) and `history/x`, `history/V_m`.
     """
-    scene, code = _at_rest(scene_file, scene)
+    scene_file, checks = case.scene_file, case.checks()
+    scene, code = case.at_rest(scene)
     average = None if scene_file.average is None else as_float(scene_file.average)
-    equation = equation_for(scene, integrands=None if average is None else diagnostics.averaged)
-    stop = scene_file.stop
-    checks = Checks(steady=None if stop is None or stop.steady is None else as_float(stop.steady))
-    wanted = None if stop is None else stop.class_
+    equation = case.equation(scene, integrands=None if average is None else diagnostics.averaged)
+    wanted = None if scene_file.stop is None else scene_file.stop.class_
     stops = marching.stops_of(scene, scene_file.t_end, average)
     state = marching.initial_state(equation, march, average)
-    state = eqx.tree_at(lambda s: s.status, state, code)
+    state = eqx.tree_at(lambda s: s.status, state, jnp.where(code == status.RUNNING, state.status, code))
     times = scene_file.t_end * jnp.arange(scene_file.saves + 1) / scene_file.saves
 
     def march_to(state: State, t_save: Array):
@@ -92,7 +92,7 @@ def outcome(scene_file: SceneFile, keep: tuple[str, ...], march: AbstractMarch, 
         # What has ended costs nothing more, where this is not batched.
         running = state.status == status.RUNNING
         state, row = lax.cond(running, march_to, lambda state, _: (state, nothing), state, t_save)
-        seen = seen.with_row(k, row, ~jnp.isnan(row["t"]))
+        seen = seen.with_row(k, row, ~jnp.isnan(row["t"]), equation.kept())
         if wanted is not None:
             reached = (state.status == status.RUNNING) & seen.has_class(wanted)
             state = eqx.tree_at(lambda s: s.status, state, jnp.where(reached, status.CLASS_REACHED, state.status))
@@ -103,11 +103,14 @@ def outcome(scene_file: SceneFile, keep: tuple[str, ...], march: AbstractMarch, 
     deformation = None
     if _CLASSIFIED in names:
         deformation = jnp.full((len(times), *names[_CLASSIFIED].shape), jnp.nan)
-    start = state, _Seen(names, extremes, extremes, deformation)
+    worst = jax.tree.map(lambda leaf: jnp.full_like(leaf, jnp.nan), certificate.maxima(names, equation.kept(), jnp))
+    start = state, _Seen(names, extremes, extremes, worst, deformation)
     (state, seen), history = lax.scan(to_save, start, (jnp.arange(len(times)), times))
 
+    code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
+    inaccurate = (code <= status.CLASS_REACHED) & certificate.is_inaccurate(seen.worst, jnp)
     out = {
-        "status": jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status),
+        "status": jnp.where(inaccurate, status.INACCURATE, code),
         "t_reached": state.t,
         "steps": state.steps,
         "rejected": state.rejected,
@@ -130,15 +133,3 @@ def _kept(keep: tuple[str, ...], row: dict[str, Array]) -> list[str]:
     if "shapes" in keep:
         kept += [name for name in ("x", "V_m", "tension") if name in row]
     return kept
-
-
-def _at_rest(scene_file: SceneFile, scene: Scene) -> tuple[Scene, Array]:
-    """The scene with those vesicles relaxed that are to be; RUNNING, or the status of the one that is not at rest."""
-    code = jnp.int32(status.RUNNING)
-    x = scene.x
-    for m, vesicle in enumerate(scene_file.vesicles()):
-        if vesicle.relaxed:
-            at_rest, word = problem.at_rest(x[m])
-            x = x.at[m].set(at_rest)
-            code = jnp.where(word == status.COMPLETE, code, word)
-    return eqx.tree_at(lambda s: s.x, scene, x), code

@@ -25,6 +25,8 @@ from .scenetables import SceneFile
 _TENSION = 1e3  # its limit in units of that of x and V_m
 _NECK = 4.0  # nodes along the narrowest chord
 _HYSTERESIS = 0.1  # of the limit, below which fewer nodes will do
+_FEWEST = 12
+_LOOSER = 30.0  # times the limit, for nodes that a second run may be without
 _RESOLVABLE = frozenset({status.UNRESOLVED, status.DRIFT, status.SOLVE_FAILED, status.SELF_CONTACT}) | {
     status.COLLISION,
     status.STEP_UNDERFLOW,
@@ -46,7 +48,7 @@ def _resampled(equation: Equation, y: Unknowns) -> Unknowns:
     return equation.settled(Unknowns(fourier.resample(y.x, N, axis=1), V_m, y.integrals))
 
 
-def _finer(f: np.ndarray, K: int) -> np.ndarray:
+def finer_rows(f: np.ndarray, K: int) -> np.ndarray:
     """f (T, M, N, ...) on K nodes."""
     N = f.shape[2]
     return f if K == N else np.moveaxis(np.moveaxis(f, 2, -1) @ fourier.resampling_matrix(N, K).T, -1, 2)
@@ -87,10 +89,23 @@ class Resolution:
         self._problems = {problem.equation.scene.x.shape[1]: problem}
         self.first = problem
 
-    def with_tolerance(self, factor: float) -> "Resolution":
-        """The same run with `factor` times its tolerance; compiled programs are shared."""
-        first = eqx.tree_at(lambda p: p.march.tolerance, self.first, factor * self.first.march.tolerance)
-        return Resolution(strengthened(first), self.sizes, self.limit)
+    def other(self, nodes: float, tolerance: float) -> tuple["Resolution", State]:
+        """The same run with about `nodes` times its nodes and `tolerance` times its tolerance, and its state at t = 0.
+
+        Where nodes follow the need of the run, their limit moves as the error of time does.
+        """
+        march = self.first.march.with_tolerance(tolerance)
+        first = strengthened(eqx.tree_at(lambda p: p.march, self.first, march))
+        sizes = tuple(max(2 * round(0.5 * nodes * N), _FEWEST) for N in self.sizes)
+        if nodes > 1:  # those there are already come first: they are compiled
+            sizes = tuple(sorted({*self.sizes[1:], *sizes[-1:]}))
+        elif len(self.sizes) > 1:
+            sizes = (*sizes[:1], *self.sizes[:-1])
+        limit = self.limit * (_LOOSER if nodes < 1 else 1 / _LOOSER)
+        start = self.first.state.y.x.shape[1]
+        N = min((K for K in sizes if min(nodes, 1.01) * start <= K), default=sizes[-1])
+        other = Resolution(first, sizes, limit)
+        return other, other._moved(first.state, N)
 
     def problem(self, N: int) -> Problem:
         """The problem with N nodes."""
@@ -111,7 +126,7 @@ class Resolution:
     def stored(self, row: Row) -> Row:
         """The row with the number of nodes that all rows have, and the number that was used."""
         count, M, N = row["x"].shape[:3]
-        finer = {name: _finer(row[name], self.sizes[-1]) for name in ("x", "V_m", "tension") if name in row}
+        finer = {name: finer_rows(row[name], self.sizes[-1]) for name in ("x", "V_m", "tension") if name in row}
         return row | finer | {"nodes": np.full((count, M), N)}
 
     def stepped(self, state: State, t_save: float) -> tuple[State, Row]:

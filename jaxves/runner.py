@@ -17,12 +17,14 @@ import numpy as np
 
 from . import diagnostics, marching, phases, status, store
 from .build import build
-from .certificate import certificate
+from .case import Case
+from .certificate import LEAST_DIGITS, certificate, weakest
 from .marching import State
 from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
 from .resolution import Resolution, resolution_of
 from .scenefile import to_toml
 from .scenetables import SceneFile
+from .uses import RUN
 from .wholerun import estimated_error
 
 _SECONDS = 0.5  # between writes: what a killed run may lose
@@ -125,6 +127,9 @@ def run(
             begun.rows.write()
             error = _error(scene_file, begun, progress) if word in status.SUCCESS else None
             links = certificate(writer.diagnostics(), error)
+            if word in status.SUCCESS and not links[weakest(links)].digits >= LEAST_DIGITS:
+                word = status.WORDS[status.INACCURATE]
+                advice = status.ADVICE[word]
             writer.finish(word, advice, time.perf_counter() - began, _averages(begun), links, error)
         except store.StoreError as error:
             raise Broken(str(error)) from error
@@ -142,16 +147,15 @@ class _Begun(NamedTuple):
 
 def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> _Begun:
     """The first row is in the file."""
-    scene, failed = starting_scene(scene_file), None
-    which = [vesicle.relaxed for vesicle in scene_file.vesicles()]
-    if any(which):
+    case, scene, failed = Case.of(scene_file, RUN), starting_scene(scene_file), None
+    if any(vesicle.relaxed for vesicle in scene_file.vesicles()):
         progress(0.0, "relaxing")
         try:
-            scene = relaxed(scene, which)
+            scene = relaxed(case, scene)
         except NotRelaxed as error:
             failed = error
     progress(0.0, "compiling")
-    problem = strengthened(problem_of(scene_file, scene))
+    problem = strengthened(problem_of(case, scene))
     resolution = resolution_of(scene_file, problem)
     state, row = resolution.row(problem.state, 0.0)
     row = resolution.stored(row)
@@ -181,7 +185,7 @@ def _continued(scene_file: SceneFile, path: Path) -> _Begun:
     writer, leaves = store.resume(path)
     start = leaves.pop(_START)
     scene = eqx.tree_at(lambda s: s.x, build(scene_file), jnp.asarray(start))
-    problem = strengthened(problem_of(scene_file, scene))
+    problem = strengthened(problem_of(Case.of(scene_file, RUN), scene))
     rows = _Rows(writer, start)
     rows.deformation.extend(deformation)
     rows.state = _restored(problem.state, leaves)
@@ -217,8 +221,8 @@ def _times(scene_file: SceneFile) -> np.ndarray:
 
 
 def _error(scene_file: SceneFile, begun: _Begun, progress: Progress) -> float | None:
-    """The estimated error of the whole run; None where it is not wanted, NaN where it cannot be had."""
-    if scene_file.numerics.tolerance is None or not scene_file.numerics.certify:
+    """The estimated error of the whole run; None where it is not wanted, NaN where it was interrupted."""
+    if scene_file.numerics.certify is False:
         return None
     writer = begun.rows.writer
     if writer.saved < 2:  # ended at its start: nothing to compare

@@ -69,7 +69,7 @@ class Scene(Bounded):
             _check_start(np.asarray(self.x))
 
     def is_valid(self) -> Bool[Array, ""]:
-        """Whether numbers are in bounds and curves can be started from; may be traced. Contact is seen while running."""
+        """Whether numbers are in bounds and curves can be started from; may be traced. Runs see contact themselves."""
         valid = jnp.all(~starts.is_clockwise(self.x)) & jnp.all(~starts.is_uneven(self.x)) & self.is_within_bounds()
         parts = (self.field, self.flow, None if self.field is None else self.field.history)
         for part in parts:
@@ -98,8 +98,8 @@ def make_scene(
     """A scene from one curve or several, each moved by its center (default: as it lies).
 
     Known nodes given clockwise are turned round, and nodes that are not equispaced in arc length are spaced evenly
-    along the trigonometric interpolant of the curve, from the first node on. Traced nodes are taken as they are: a run of
-    them ends as `invalid` if they should have been put right. `bending`, and the numbers of `field` made for one
+    along the trigonometric interpolant of the curve, from the first node on. Traced nodes are taken as they are: a run
+    of them ends as `invalid` if they should have been put right. `bending`, and the numbers of a `field` made for one
     vesicle, hold for all vesicles.
 
     Args:

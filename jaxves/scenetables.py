@@ -162,9 +162,8 @@ class NumericsTable(Table):
     membranes unless they are near, "auto" goes by size. `neighbours` is the room for near pairs without matrices, per
     vesicle on average; a run in need of more ends as "crowded".
 
-    `certify` makes the run once more with ten times the tolerance, which takes about six tenths of its time, or, where
-    that needs as many steps, with a thirtieth, to learn the error of the whole; there is no such estimate for a fixed
-    `time_step`.
+    `certify` makes the run once more with other nodes and other steps (`wholerun`) to learn the error of the whole.
+    That takes about a third of the time of the run, and several times as long where the run is poorly resolved.
     """
 
     nodes: NodeCount = 64
@@ -173,7 +172,7 @@ class NumericsTable(Table):
     method: one_of("auto", "ark4", "ark5", "euler") = "auto"
     solver: one_of("auto", "dense", "matrix-free") = "auto"
     neighbours: Count = 8
-    certify: Flag = True
+    certify: Flag | None = None  # a run makes the estimate unless this is false
 
     @model_validator(mode="before")
     @classmethod

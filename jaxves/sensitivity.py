@@ -18,15 +18,23 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from .arguments import refusal, require
 from .arrays import ScalarLike, as_float
-from .marching import AbstractMarch, simulate
+from .bounds import POSITIVE
+from .case import Case
+from .marching import AbstractMarch
 from .motion import Unknowns
-from .parameters import scene_of
-from .problem import march_of
 from .scenetables import SceneFile
 from .steady import steady
+from .uses import SENSITIVITY
 
 Outcome = Callable[[Mapping[str, ScalarLike]], dict[str, Array]]
+
+
+def _names(quantities: Sequence[str]) -> tuple[str, ...]:
+    if isinstance(quantities, str) or not quantities:
+        raise refusal("quantities", repr(quantities), "a list of names of diagnostics, at least one")
+    return tuple(quantities)
 
 
 def _chosen(found: Mapping[str, Array], quantities: Sequence[str]) -> dict[str, Array]:
@@ -39,29 +47,38 @@ def _chosen(found: Mapping[str, Array], quantities: Sequence[str]) -> dict[str, 
 class at_end(eqx.Module):
     """Diagnostics at the end of a run of `scene_file`, or their averages over its window, as functions of its numbers.
 
-    Vesicles that the file wants relaxed first are not. Raises ValueError for a diagnostic that there is not.
+    Vesicles that the file wants relaxed are relaxed first. Values are NaN where a run breaks down.
+
+    Raises:
+        SceneError: the file has a key that a sensitivity cannot honour, such as `nodes = "auto"` or `[stop]`.
+        ValueError: an unknown diagnostic, or averages of a file without `average`.
     """
 
     scene_file: SceneFile = eqx.field(static=True)
-    quantities: tuple[str, ...] = eqx.field(static=True, converter=tuple)
+    quantities: tuple[str, ...] = eqx.field(static=True, converter=_names)
     t_end: float | None = eqx.field(static=True, default=None)  # the file's
     averaged: bool = eqx.field(static=True, default=False)
     march: AbstractMarch | None = eqx.field(default=None)  # the file's
 
+    def __check_init__(self):
+        Case.of(self.scene_file, SENSITIVITY)
+        if self.t_end is not None:
+            require("t_end", self.t_end, POSITIVE)
+        if self.averaged and self.scene_file.average is None:
+            raise ValueError("averaged = True, expected a scene file with `average`, the window of the averages.")
+        if self.averaged and self.t_end is not None and self.t_end < self.scene_file.average[1]:
+            raise refusal("t_end", self.t_end, f"at least {self.scene_file.average[1]}, the end of the window")
+
+    def _march(self) -> AbstractMarch:
+        return Case(self.scene_file).march(self.t_end, 1) if self.march is None else self.march
+
     def forwards(self) -> "at_end":
         """The same for forward mode alone, whose steps need not be recorded."""
-        march = march_of(self.scene_file) if self.march is None else self.march
-        return dataclasses.replace(self, march=march.forwards())
+        return dataclasses.replace(self, march=self._march().forwards())
 
     def __call__(self, values):
-        file = self.scene_file
-        t_end = file.t_end if self.t_end is None else self.t_end
-        result = simulate(
-            scene_of(file, values),
-            t_end,
-            saves=1,
-            march=march_of(file) if self.march is None else self.march,
-            average=file.average if self.averaged else None,
+        result = Case(self.scene_file).simulate(
+            values, t_end=self.t_end, saves=1, march=self._march(), averaged=self.averaged
         )
         if self.averaged:
             return _chosen(result.averages, self.quantities)
@@ -71,16 +88,21 @@ class at_end(eqx.Module):
 class at_rest(eqx.Module):
     """Diagnostics of the steady shape near `start`; its derivatives are implicit, with no run behind them (`steady`).
 
-    The end of a run is a good `start`. First derivatives only.
+    The end of a run is a good `start`. First derivatives only. Raises SceneError as `at_end` does.
     """
 
     scene_file: SceneFile = eqx.field(static=True)
-    quantities: tuple[str, ...] = eqx.field(static=True, converter=tuple)
+    quantities: tuple[str, ...] = eqx.field(static=True, converter=_names)
     start: Unknowns
 
+    def __check_init__(self):
+        Case.of(self.scene_file, SENSITIVITY)
+
     def __call__(self, values):
-        found = steady(scene_of(self.scene_file, values), self.start)
-        return _chosen(found.diagnostics, self.quantities)
+        case = Case(self.scene_file)
+        scene = case.scene(values)
+        solver, _ = case.solved_by(scene)
+        return _chosen(steady(scene, self.start, solver=solver).diagnostics, self.quantities)
 
 
 def _traced(values: Mapping[str, ScalarLike]) -> dict[str, Array]:

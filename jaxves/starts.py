@@ -1,8 +1,8 @@
 """Can a simulation start from these curves? Each counter-clockwise, with even nodes, and clear of itself and others.
 
 Nodes are even when they are equispaced in arc length as far as they resolve their curve: the slow part of the node
-spacing, modes up to N/4, must then be small beside the fast part, which is what few nodes miss of a smooth curve. Uneven
-nodes are no small matter: the equation keeps the spacing even, and would move the curve itself to make it so.
+spacing, modes up to N/4, must then be small beside the fast part, which is what few nodes miss of a smooth curve.
+Uneven nodes would do harm: the equation keeps the spacing even, and would move the curve itself to make it so.
 """
 
 import numpy as np

@@ -1,6 +1,7 @@
 """How a run ended: one integer inside compiled code, one word and one line of advice outside.
 
-Codes are ordered by severity, so that several findings combine by maximum.
+Codes are ordered by severity, so that several findings combine by maximum. What is judged of the start alone, or of
+a whole run that reached its end, stands outside of this order: `invalid` and `inaccurate`.
 """
 
 COMPLETE = 0
@@ -17,6 +18,7 @@ STEP_UNDERFLOW = 10
 TOO_MANY_STEPS = 11
 NOT_FINITE = 12
 INVALID = 13
+INACCURATE = 14
 RUNNING = -1
 
 WORDS = {
@@ -35,6 +37,7 @@ WORDS = {
     TOO_MANY_STEPS: "too many steps",
     NOT_FINITE: "not finite",
     INVALID: "invalid",
+    INACCURATE: "inaccurate",
 }
 
 ADVICE = {
@@ -54,6 +57,8 @@ ADVICE = {
     "step underflow": "The step fell below its limit: the tolerance is out of reach here; use more nodes or loosen it.",
     "too many steps": "The step limit was reached: loosen the tolerance or split the run with --resume.",
     "not finite": "A value overflowed: use a smaller step, or `tolerance` instead of `time_step`.",
+    "inaccurate": "The run reached its end, but its own estimates leave less than one correct digit: use more nodes or "
+    'nodes = "auto", and a lower tolerance; the certificate names the weakest link.',
     "invalid": "A number of the scene is out of its bounds, or a starting curve is clockwise or has nodes that are not "
     "equispaced; make_scene and scene files say which when the values are not traced.",
 }

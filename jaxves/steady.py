@@ -25,6 +25,7 @@ from . import diagnostics, fourier
 from .arrays import Scalar
 from .curve import Curve
 from .equation import Equation, equation_for
+from .linear import AbstractSolver
 from .motion import Motion, Unknowns
 from .scene import Scene
 
@@ -84,7 +85,7 @@ def _residual(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R
     return jnp.concatenate(parts)
 
 
-def steady(scene: Scene, start: Unknowns, *, most: int = 30) -> Steady:
+def steady(scene: Scene, start: Unknowns, *, most: int = 30, solver: AbstractSolver | None = None) -> Steady:
     """The steady shape near `start`, of the area and perimeter of `scene.x`; field and flow as they are at t = 0.
 
     Pure: under `jit`, and differentiable once, in either mode and in whatever the scene depends on, at the cost of
@@ -97,12 +98,12 @@ def steady(scene: Scene, start: Unknowns, *, most: int = 30) -> Steady:
     """
     if scene.x.shape[0] != 1:
         raise ValueError(f"A steady shape is sought of one vesicle, but the scene has {scene.x.shape[0]}.")
-    return _by_newton(scene, start, most)
+    return _by_newton(scene, start, most, solver)
 
 
 @eqx.filter_jit
-def _by_newton(scene: Scene, start: Unknowns, most: int) -> Steady:
-    equation = equation_for(scene)
+def _by_newton(scene: Scene, start: Unknowns, most: int, solver: AbstractSolver | None) -> Steady:
+    equation = equation_for(scene, solver=solver)
     start = jax.lax.stop_gradient(Unknowns(start.x, start.V_m))
     anchor = Curve.from_nodes(start.x[0])
     flat, unflatten = ravel_pytree(start)

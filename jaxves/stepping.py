@@ -14,6 +14,7 @@ short, depends on the scene by way of error estimates only, and has no part in t
 
 import abc
 import dataclasses
+import math
 from typing import ClassVar
 
 import equinox as eqx
@@ -147,6 +148,10 @@ class AbstractMarch(eqx.Module):
     def to(self, t_save: Scalar, journey: Journey, equation: Equation, stops: Array) -> Journey:
         """Steps until `t_save`, or the end of the run. `stops` are all instants, `t_save` included, to end steps at."""
 
+    @abc.abstractmethod
+    def with_tolerance(self, factor: float) -> "AbstractMarch":
+        """The same with `factor` times the error allowed in a step, as near as this comes to it."""
+
     def forwards(self) -> "AbstractMarch":
         """The same for derivatives in forward mode alone, where those cost less."""
         return self
@@ -185,6 +190,10 @@ class Fixed(AbstractEven):
     def __check_init__(self):
         require_count("Fixed.steps_per_save", self.steps_per_save)
         _check_stepper(self)
+
+    def with_tolerance(self, factor):
+        steps = self.steps_per_save * factor ** (-1 / (self.stepper.order + 1))
+        return dataclasses.replace(self, steps_per_save=math.ceil(steps))
 
     def to(self, t_save, journey, equation, stops):
         h = (t_save - journey.state.t) / self.steps_per_save
@@ -242,6 +251,9 @@ class Adaptive(AbstractMarch, Bounded):
         require_count("Adaptive.max_steps", self.max_steps)
         if self.recorded is not None:
             require_count("Adaptive.recorded", self.recorded)
+
+    def with_tolerance(self, factor):
+        return eqx.tree_at(lambda march: march.tolerance, self, factor * self.tolerance)
 
     def forwards(self):
         return dataclasses.replace(self, recorded=None)

@@ -175,8 +175,8 @@ class Writer(OpenFile):
         }
 
     def row(self, i: int) -> dict[str, np.ndarray]:
-        """Positions, potentials and accepted steps of one saved time."""
-        return {name: self._rows[name][i] for name in ("x", "V_m", "steps") if name in self._rows}
+        """All that was saved of one time."""
+        return {name: dataset[i] for name, dataset in self._rows.items()}
 
     def finish(
         self,
@@ -191,7 +191,7 @@ class Writer(OpenFile):
 
         `wall_time` in seconds adds to that of earlier parts of a resumed run; `averages` over time are
         named like the diagnostics they belong to; `links` are the certificate, `error` is the estimated error of
-        the whole run, NaN where none could be had.
+        the whole run, NaN where its estimate was interrupted, infinite where no second run arrived.
         """
         with named_errors("write", self.path), self._rebuilding() as file:
             # The file's own count: an interrupt may have come between its commit and `self.saved`.

@@ -52,7 +52,7 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     yield _quantities(record)
     links = certificate(record.diagnostics, record.attributes.get("error"))
     weak = weakest(links)
-    yield f"digits: {links[weak].digits:.1f} at the weakest link, {weak} ({links[weak].long_name})"
+    yield f"About {max(links[weak].digits, 0):.1f} correct digits; the weakest link is {weak}: {links[weak].long_name}"
     if "error" in record.attributes:
         yield _error_of_run(record)
     yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
@@ -69,12 +69,18 @@ def pair_class(record: Record) -> str:
 
 
 def _error_of_run(record: Record) -> str:
-    """In units of the tolerance: how the scene amplifies the errors of its steps."""
-    error, tolerance = record.attributes["error"], tomllib.loads(record.scene)["numerics"]["tolerance"]
+    """The error of nodes and steps together, and whether the scene amplifies the errors of its steps."""
+    error, tolerance = record.attributes["error"], tomllib.loads(record.scene)["numerics"].get("tolerance")
     if np.isnan(error):
-        return "error of the whole run: not known, other tolerances do not tell: their steps are as many"
-    text = f"error of the whole run: about {error:.1e}, {error / tolerance:.2g} times the tolerance"
-    return text + ("; the scene amplifies the errors of its steps" if error > 10 * tolerance else "")
+        return "error of the whole run: not known, because its estimate was interrupted"
+    if np.isinf(error):
+        return "error of the whole run: not known, because runs with other nodes and steps broke down"
+    text = f"error of the whole run: about {error:.1e} in x (a) and V_m (a E_inf)"
+    if tolerance is None or error <= 10 * tolerance:
+        return text
+    return (
+        f"{text}, {error / tolerance:.2g} times the tolerance: more nodes or a lower tolerance would tell which it is"
+    )
 
 
 def _quantities(record: Record) -> Table:

@@ -20,6 +20,7 @@ from . import scenefile
 from .scenetables import SceneFile
 from .sweeptables import Sample, Span, SweepFile
 from .tables import SceneError, checked
+from .uses import SWEEP, refuse_unused
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,9 @@ def parse(tables: Mapping[str, Any], *, origin: str = "sweep", folder: Path | st
     if isinstance(scene, str):
         source = scene if scene in scenefile.builtin_names() else Path(folder) / scene
         tables = {**tables, "scene": scenefile.load(source)}
-    return checked(SweepFile, tables, origin, folder=Path(folder))
+    sweep_file = checked(SweepFile, tables, origin, folder=Path(folder))
+    refuse_unused(sweep_file.scene, SWEEP, origin)
+    return sweep_file
 
 
 def to_toml(sweep_file: SweepFile) -> str:

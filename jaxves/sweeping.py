@@ -16,7 +16,7 @@ import jax
 import numpy as np
 
 from . import diagnostics, refinement, status, sweepfile, sweepstore, team
-from .batches import METHODS, Batches, with_fixed_nodes
+from .batches import METHODS, Batches
 from .hdf5 import StoreError
 from .sweepfile import Plan
 from .sweepstore import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, SweepWriter, Variable
@@ -94,10 +94,8 @@ def sweep(
         _check_resumable(path, plan)
     elif team.is_first() and path.exists() and not force:
         raise StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
-    runnable = np.delete(plan.values, list(plan.refused), axis=0)
-    fixed = with_fixed_nodes(source, plan.names, runnable)
-    progress(0, len(runnable), "compiling")
-    batches = Batches(fixed, plan.names, _devices(devices), _method(method), _count("batch", batch))
+    progress(0, len(plan.values) - len(plan.refused), "compiling")
+    batches = Batches(source, plan.names, _devices(devices), _method(method), _count("batch", batch))
     return _Sweep(path, plan, batches, force, resume, progress).run()
 
 
@@ -123,6 +121,9 @@ def _method(name: str | None) -> str | None:
 def _check_resumable(path: Path, plan: Plan) -> None:
     if sweepstore.load(path).attributes["sweep"] != sweepfile.to_toml(plan.sweep_file):
         raise StoreError(f"{path} holds another sweep: it can be resumed only with its own.")
+
+
+_INACCURATE = status.WORDS[status.INACCURATE]
 
 
 class _Sweep:
@@ -190,7 +191,7 @@ class _Sweep:
             if "class" in found:
                 found["class"] = np.array(
                     [
-                        sweepstore.class_word(row) if word in status.SUCCESS else ""
+                        sweepstore.class_word(row) if word in (*status.SUCCESS, _INACCURATE) else ""
                         for word, row in zip(words, found["class"], strict=True)
                     ],
                     dtype="S",

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import flow, history, problem
+from jaxves import flow, history
 from jaxves.build import build
+from jaxves.case import Case
 from jaxves.curve import Curve, area, centroid, inclination, length, reduced_area
 from jaxves.scenefile import SceneError, builtin_names, load, parse, to_toml
 
@@ -339,7 +340,6 @@ def test_a_written_scene_is_complete_with_defaults_and_without_what_is_absent():
             "method": "auto",
             "solver": "auto",
             "neighbours": 8,
-            "certify": True,
         },
     }
 
@@ -456,5 +456,5 @@ PAIR = "[pair]\nseparation = 3.0\n"
     ],
 )
 def test_a_tight_tolerance_takes_the_fifth_order_scheme_unless_one_is_named(tables, numerics, scheme):
-    march = problem.march_of(parse(tomllib.loads(BASE + tables + "[numerics]\n" + numerics)))
+    march = Case(parse(tomllib.loads(BASE + tables + "[numerics]\n" + numerics))).march()
     assert type(march.stepper).__name__ == scheme
