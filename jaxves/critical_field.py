@@ -112,6 +112,8 @@ def critical_field(
         NoCriticalField: both ends of the bracket are of the same kind, or a run broke down.
     """
     case = _alone(scene_file)
+    if np.shape(bracket) != (2,) or not 0 <= bracket[0] < bracket[1] < np.inf:
+        raise NoCriticalField(f"bracket = {bracket}, expected two fields (low, high) with 0 <= low < high")
     march = case.march() if march is None else march
     scene, code = _started(case)
     if int(code) != status.RUNNING:

@@ -128,9 +128,22 @@ def crosses_itself(curve: Curve) -> Array:
     return jnp.any(_crossings(curve, curve) & (jnp.minimum(steps, N - steps) > 1))
 
 
+def _is_inside(point: Array, curve: Curve) -> Array:
+    """Whether the polygon of nodes of a curve encloses a point, or has it on an edge: its edges turn about the point."""
+    a, b = curve.x - point, jnp.roll(curve.x, -1, axis=0) - point
+    cross, dot = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], jnp.sum(a * b, axis=-1)
+    nothing = (cross == 0) & (dot == 0)
+    turned = jnp.sum(jnp.arctan2(jnp.where(nothing, 0.0, cross), jnp.where(nothing, 1.0, dot)))
+    return jnp.abs(turned) > 0.5 * jnp.pi
+
+
 def collides(curves: Curve) -> Array:
-    """Whether the polygons of any two vesicles intersect."""
-    return jnp.any(over_pairs(lambda *pair: jnp.any(_crossings(*pair)), curves))
+    """Whether the polygons of any two vesicles intersect, or one lies inside of the other or upon it."""
+
+    def of_pair(first, second):
+        return jnp.any(_crossings(first, second)) | _is_inside(first.x[0], second) | _is_inside(second.x[0], first)
+
+    return jnp.any(over_pairs(of_pair, curves))
 
 
 def gap(first: Curve, second: Curve) -> Array:

@@ -27,11 +27,13 @@ from scipy.stats import qmc
 
 from . import curve as geometry
 from . import fourier, status, transforms
+from .arguments import require, require_count
 from .arrays import VesiclePoints, as_float
+from .bounds import POSITIVE
 from .case import Case
 from .curve import Curve
 from .marching import AbstractMarch
-from .parameters import numbers
+from .parameters import check_numbers, numbers
 from .scenefile import to_toml
 from .scenetables import SceneFile
 from .transforms import Box
@@ -100,12 +102,15 @@ class Model(eqx.Module):
     @classmethod
     def of(cls, scene_file: SceneFile, observations: Observations, march: AbstractMarch | None = None) -> "Model":
         """Raises ValueError for observations that do not fit together, SceneError for keys that no fit can honour."""
+        require("observations.t_end", observations.t_end, POSITIVE)
         counts = {len(values) for values in observations.seen.values()}
         if len(counts) != 1 or 0 in counts:
             raise ValueError(f"observations.seen: {sorted(counts)} times, expected the same number of all, at least 1.")
         for name in observations.seen:
             if not observations.deviation.get(name, 0.0) > 0:
                 raise ValueError(f"observations.deviation: {name} is missing, expected a positive number.")
+            if not np.all(np.isfinite(observations.seen[name])):
+                raise ValueError(f"observations.seen: {name} has entries that are not finite, expected finite numbers.")
         directions = np.shape(observations.seen["radii"])[-1] if "radii" in observations.seen else 0
         saves = counts.pop()
         case = Case.of(scene_file, FIT)
@@ -188,6 +193,11 @@ def fit(
     """
     inside = transforms.boxes(bounds)
     model = Model.of(scene_file, observations, march)
+    for name, box in inside.items():
+        for share in (1e-6, 1 - 1e-6):  # the ends themselves are never tried
+            check_numbers(scene_file, {name: box.lower + share * (box.upper - box.lower)})
+    if isinstance(starts, int):
+        require_count("starts", starts)
     args = (
         model,
         tuple(inside.items()),

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .arguments import Bounded, is_known, refusal
+from .arguments import Bounded, is_known, refusal, require
 from .arrays import Scalar, VesiclePoints, as_float
 from .bounds import FINITE
 
@@ -82,6 +82,7 @@ class Linear(AbstractFlow):
     velocity_gradient: Float[Array, "2 2"] = eqx.field(converter=as_float)
 
     def __check_init__(self):
+        require("Linear.velocity_gradient", self.velocity_gradient, FINITE)
         shape = self.velocity_gradient.shape
         if shape != (2, 2) or (is_known(self.velocity_gradient) and not self._is_trace_free()):
             wanted = "a trace-free gradient [[a, b], [c, -a]] of finite numbers"

@@ -13,7 +13,7 @@ from .arrays import ScalarLike
 from .build import build
 from .scene import Scene
 from .scenetables import SceneFile
-from .tables import SceneError, Table, dotted
+from .tables import SceneError, Table, checked, dotted
 
 _TABLES = ("vesicle", "pair", "field", "flow")
 # Of a vesicle, where it need not say: else the field's, or none.
@@ -67,6 +67,12 @@ def with_numbers(scene_file: SceneFile, values: Mapping[str, ScalarLike]) -> Sce
             known = ", ".join(numbers(scene_file))
             raise SceneError(f"{name} = {value}, expected one of the numbers of the scene: {known}") from None
     return scene_file
+
+
+def check_numbers(scene_file: SceneFile, values: Mapping[str, float]) -> None:
+    """Raises SceneError unless the scene may have these numbers in place of its own."""
+    tables = with_numbers(scene_file, values).model_dump(by_alias=True, exclude_none=True)
+    checked(SceneFile, tables, "scene")
 
 
 def _replaced(item: Any, path: tuple, value: ScalarLike) -> Any:

@@ -22,7 +22,7 @@ from .certificate import LEAST_DIGITS, certificate, weakest
 from .marching import State
 from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
 from .resolution import Resolution, resolution_of
-from .scenefile import to_toml
+from .scenefile import load, to_toml
 from .scenetables import SceneFile
 from .uses import RUN
 from .wholerun import estimated_error
@@ -97,23 +97,28 @@ class _Rows:
 
 
 def run(
-    scene_file: SceneFile,
+    scene_file: SceneFile | str | Path,
     path: str | Path,
     *,
     force: bool = False,
     resume: bool = False,
     progress: Progress = lambda t, text: None,
 ) -> str:
-    """Runs a scene file into a result file; returns the status word. Ctrl-C ends it as "interrupted".
+    """Runs a scene file, or the one of that path or built-in name, into a result file; returns the status word.
+
+    Ctrl-C ends it as "interrupted".
 
     With `resume` the file is continued; one that is done already is left as it is.
 
     Raises:
+        SceneError: no such scene, or a value that no scene file may have.
         store.StoreError: the file exists (without `force`), cannot be written, or cannot be resumed.
         Broken: it can no longer be written.
         KeyboardInterrupt: Ctrl-C before there was anything to write.
     """
     began, path = time.perf_counter(), Path(path)
+    scene_file = load(scene_file) if isinstance(scene_file, str | Path) else scene_file
+    Case.of(scene_file, RUN)
     if resume and store.is_done(path, to_toml(scene_file)):
         return store.load(path).status
     begun = _continued(scene_file, path) if resume else _new(scene_file, path, force, progress)
@@ -147,7 +152,7 @@ class _Begun(NamedTuple):
 
 def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> _Begun:
     """The first row is in the file."""
-    case, scene, failed = Case.of(scene_file, RUN), starting_scene(scene_file), None
+    case, scene, failed = Case(scene_file), starting_scene(scene_file), None
     if any(vesicle.relaxed for vesicle in scene_file.vesicles()):
         progress(0.0, "relaxing")
         try:
@@ -185,7 +190,7 @@ def _continued(scene_file: SceneFile, path: Path) -> _Begun:
     writer, leaves = store.resume(path)
     start = leaves.pop(_START)
     scene = eqx.tree_at(lambda s: s.x, build(scene_file), jnp.asarray(start))
-    problem = strengthened(problem_of(Case.of(scene_file, RUN), scene))
+    problem = strengthened(problem_of(Case(scene_file), scene))
     rows = _Rows(writer, start)
     rows.deformation.extend(deformation)
     rows.state = _restored(problem.state, leaves)

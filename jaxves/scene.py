@@ -10,7 +10,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from . import shapes as curves
 from . import starts
@@ -88,7 +88,7 @@ def _check_start(x: Float[np.ndarray, "M N 2"]) -> None:
 
 
 def make_scene(
-    shapes: Float[Array, "N 2"] | Sequence[Float[Array, "N 2"]],
+    shapes: ArrayLike | Sequence[ArrayLike],
     *,
     centers=None,
     bending=1.0,
@@ -129,7 +129,7 @@ def make_scene(
     return Scene(as_float(x), jnp.broadcast_to(as_float(bending), (M,)), field, flow)
 
 
-def _stacked(shapes) -> Float[Array, "M N 2"]:
+def _stacked(shapes) -> Float[Array | np.ndarray, "M N 2"]:
     several = isinstance(shapes, list | tuple) and all(np.ndim(shape) == 2 for shape in shapes)
     if several and len({np.shape(shape) for shape in shapes}) != 1:
         found = ", ".join(str(np.shape(shape)) for shape in shapes) or "no curve"
@@ -146,7 +146,7 @@ def _stacked(shapes) -> Float[Array, "M N 2"]:
     return x
 
 
-def _put_right(x: Float[np.ndarray, "M N 2"]) -> Float[Array, "M N 2"]:
+def _put_right(x: Float[np.ndarray, "M N 2"]) -> Float[Array | np.ndarray, "M N 2"]:
     """Counter-clockwise curves with even nodes; raises ValueError for what is no closed curve."""
     for m, nodes in enumerate(x):
         starts.check_curves(f"shapes[{m}]" if len(x) > 1 else "shapes", nodes[None])

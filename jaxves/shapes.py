@@ -15,18 +15,27 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from . import curve, fourier, outlines
+from .arguments import is_known, refusal, require, require_nodes
 from .arrays import NodePoints, Scalar, ScalarLike, as_float
+from .bounds import FINITE, POSITIVE, REDUCED_AREA, Bounds
 
 _FINE = 512  # samples of an ellipse before its nodes are chosen: 12 digits down to Δ = 0.2
 
 
 def circle(N: int, *, length: ScalarLike = 1.0) -> NodePoints:
-    """Radius `length`, first node on the x axis, counter-clockwise."""
+    """Radius `length`, first node on the x axis, counter-clockwise.
+
+    Raises:
+        ValueError: N is no even number of nodes, or `length` is known not to be positive.
+    """
+    require_nodes("N", N)
+    require("length", length, POSITIVE)
     alpha = fourier.grid(N)
     return as_float(length) * jnp.stack([jnp.cos(alpha), jnp.sin(alpha)], axis=-1)
 
 
 _FLATTEST = 1e-3  # b/a
+_EXCESS = Bounds("a number in [-0.89, 0.89]", ge=-0.89, le=0.89)
 
 
 def _root(residual: Callable[[Scalar], Scalar], solver: optx.AbstractRootFinder, guess: Scalar, **how) -> Scalar:
@@ -66,7 +75,6 @@ def _aspect_ratio(reduced_area: Scalar) -> Scalar:
     return jnp.where(at_circle, 1.0, jnp.where(exists, ratio, jnp.nan))
 
 
-@functools.partial(jax.jit, static_argnames="N")
 def ellipse(
     N: int,
     reduced_area: ScalarLike,
@@ -76,8 +84,24 @@ def ellipse(
 ) -> NodePoints:
     """Ellipse of given reduced area Δ in (0, 1] and perimeter, major axis at `angle` radians from x.
 
-    Differentiable in all three numbers (in Δ for Δ < 1). NaN for Δ below 0.0026, where sides would touch.
+    Differentiable in all three numbers (in Δ for Δ < 1). Where Δ is traced and below 0.0026, whose sides would touch,
+    nodes are NaN.
+
+    Raises:
+        ValueError: N is no even number of nodes, or a known number is out of its bounds.
     """
+    require_nodes("N", N)
+    require("reduced_area", reduced_area, REDUCED_AREA)
+    require("angle", angle, FINITE)
+    require("length", length, POSITIVE)
+    x = _ellipse(N, reduced_area, angle, length)
+    if is_known(x) and not np.all(np.isfinite(x)):
+        raise refusal("reduced_area", reduced_area, "a number in [0.0026, 1]: the sides of a flatter ellipse touch")
+    return x
+
+
+@functools.partial(jax.jit, static_argnames="N")
+def _ellipse(N: int, reduced_area: ScalarLike, angle: ScalarLike, length: ScalarLike) -> NodePoints:
     ratio = _aspect_ratio(as_float(reduced_area))
     x = equispaced(_unit_ellipse(ratio, _FINE), N)
     return rotated(scaled(x, length), angle)
@@ -102,12 +126,23 @@ def _flattening(excess: Scalar) -> Scalar:
     return _root(residual, optx.Newton(rtol=1e-14, atol=1e-15), excess / jnp.sqrt(1.5), max_steps=24)
 
 
-@functools.partial(jax.jit, static_argnames="N")
 def ellipse_of_excess(N: int, excess: ScalarLike, *, angle: ScalarLike = 0.0, length: ScalarLike = 1.0) -> NodePoints:
     """The ellipse of reduced area Δ = 1 - excess²: smooth through the circle, at excess 0, where ∂x/∂Δ is infinite.
 
     |excess| < 0.89 (Δ > 0.2). Nodes agree with those of `ellipse`; a negative excess is long across `angle`.
+
+    Raises:
+        ValueError: N is no even number of nodes, or a known number is out of its bounds.
     """
+    require_nodes("N", N)
+    require("excess", excess, _EXCESS)
+    require("angle", angle, FINITE)
+    require("length", length, POSITIVE)
+    return _ellipse_of_excess(N, excess, angle, length)
+
+
+@functools.partial(jax.jit, static_argnames="N")
+def _ellipse_of_excess(N: int, excess: ScalarLike, angle: ScalarLike, length: ScalarLike) -> NodePoints:
     n = _flattening(as_float(excess))
     x = equispaced(_unit_ellipse((1 - n) / (1 + n), _FINE), N)
     return rotated(scaled(x, length), angle)
@@ -118,7 +153,13 @@ def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
 
     A vesicle that starts symmetric is kept so (`symmetry`): take 1e-6, say, to see what else is unstable. Area and
     perimeter change by the square of the amplitude.
+
+    Raises:
+        ValueError: x does not have the shape (N, 2), or `amplitude` is known not to be finite.
     """
+    if np.ndim(x) != 2 or np.shape(x)[1] != 2:
+        raise ValueError(f"x must have shape (N, 2), but has {np.shape(x)}.")
+    require("amplitude", amplitude, FINITE)
     alpha = fourier.grid(x.shape[0])
     wave = jnp.sin(2 * alpha) + jnp.cos(3 * alpha) + jnp.sin(3 * alpha)
     return x + as_float(amplitude) * wave[:, None] * curve.Curve.from_nodes(x).normal

@@ -17,18 +17,18 @@ _SLOW = 0.5  # its slow part over its fast part, at most; 0.40 is the largest of
 _FINE = 8  # points for each node, in checks of contact
 
 
-def _derivative(x: Float[Array, "M N 2"]) -> Float[Array, "M N 2"]:
+def _derivative(x: Float[Array | np.ndarray, "M N 2"]) -> Float[Array | np.ndarray, "M N 2"]:
     N = x.shape[1]
     return fourier.circulant(fourier.derivative_symbol(N), N) @ x
 
 
-def is_clockwise(x: Float[Array, "M N 2"]) -> Bool[Array, "M"]:
+def is_clockwise(x: Float[Array | np.ndarray, "M N 2"]) -> Bool[Array | np.ndarray, "M"]:
     """Which curves enclose a negative area, or none; for NumPy and traced arrays."""
     d = _derivative(x)
     return ~((x[..., 0] * d[..., 1] - x[..., 1] * d[..., 0]).sum(axis=1) > 0)
 
 
-def is_uneven(x: Float[Array, "M N 2"]) -> Bool[Array, "M"]:
+def is_uneven(x: Float[Array | np.ndarray, "M N 2"]) -> Bool[Array | np.ndarray, "M"]:
     """Which curves have nodes that are not equispaced; for NumPy and traced arrays."""
     N = x.shape[1]
     speed = (_derivative(x) ** 2).sum(axis=-1) ** 0.5
@@ -40,7 +40,7 @@ def is_uneven(x: Float[Array, "M N 2"]) -> Bool[Array, "M"]:
 
 def check_curves(argument: str, x: Float[np.ndarray, "M N 2"]) -> None:
     """Raises ValueError when a curve has nodes that are not finite, coincide, or crosses itself, or two curves meet."""
-    finer = fourier.resampling_matrix(x.shape[1], _FINE * x.shape[1]) @ x
+    finer = []
     for m, nodes in enumerate(x):
         name = f"{argument}[{m}]" if len(x) > 1 else argument
         if not np.all(np.isfinite(nodes)):
@@ -48,6 +48,7 @@ def check_curves(argument: str, x: Float[np.ndarray, "M N 2"]) -> None:
             raise refusal(f"{name}[{bad}]", nodes[bad], "two finite numbers")
         if np.min(np.linalg.norm(nodes - np.roll(nodes, 1, axis=0), axis=1)) == 0:
             raise refusal(name, "nodes of which two neighbours coincide", "distinct nodes")
+        finer.append(fourier.resampling_matrix(len(nodes), _FINE * len(nodes)) @ nodes)
         if not LinearRing(finer[m]).is_simple:
             raise refusal(name, "a curve that crosses itself", "a simple closed curve")
     touching = outlines.first_touching([Polygon(curve) for curve in finer]) if len(x) > 1 else None

@@ -31,10 +31,12 @@ class Box(NamedTuple):
 
 
 def boxes(bounds: Mapping[str, tuple[float, float]]) -> dict[str, Box]:
-    """Boxes of these bounds. Raises ValueError unless they are finite and lower < upper."""
-    for name, (lower, upper) in bounds.items():
-        if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper):
-            raise ValueError(f"{name} in ({lower}, {upper}), expected finite bounds, the lower one first.")
+    """Boxes of these bounds. Raises ValueError unless there are some, each two finite numbers, the lower one first."""
+    if not bounds:
+        raise ValueError("bounds are empty, expected one or more numbers of the scene, each with (lower, upper).")
+    for name, ends in bounds.items():
+        if np.shape(ends) != (2,) or not (np.all(np.isfinite(ends)) and ends[0] < ends[1]):
+            raise ValueError(f"bounds of {name} = {ends}, expected two finite numbers (lower, upper), lower first.")
     return {name: Box(float(lower), float(upper)) for name, (lower, upper) in bounds.items()}
 
 

@@ -10,6 +10,7 @@ def diagnostics(**changed):
     ones, zeros = np.ones((3, 1)), np.zeros((3, 1))
     found = {"area": ones, "length": ones, "time_error": np.array([0.0, 1e-6, 3e-6])}
     found |= {name: zeros for name in ("spectral_tail", "tension_tail", "force_residual", "torque_residual")}
+    found |= {"bending_energy": zeros}
     found |= {"dissipation": np.array([2.0, 1.0, 0.0]), "power_balance": np.zeros(3), "residual": np.zeros(3)}
     return found | changed
 
