@@ -129,7 +129,7 @@ def crosses_itself(curve: Curve) -> Array:
 
 
 def _is_inside(point: Array, curve: Curve) -> Array:
-    """Whether the polygon of nodes of a curve encloses a point, or has it on an edge: its edges turn about the point."""
+    """Whether the polygon of nodes of a curve encloses a point or has it on its edge: then edges turn about it."""
     a, b = curve.x - point, jnp.roll(curve.x, -1, axis=0) - point
     cross, dot = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], jnp.sum(a * b, axis=-1)
     nothing = (cross == 0) & (dot == 0)

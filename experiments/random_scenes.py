@@ -1,0 +1,161 @@
+"""Does a run know how wrong it is?
+
+    python -m experiments.random_scenes            # a hundred scenes, about an hour on two busy cores
+    python -m experiments.random_scenes --seed 7   # another hundred
+
+Scenes are drawn at random as users write them: one vesicle or a pair, reduced area, field strength, conductivities,
+conductance, charging time and flow over all that the model allows, half with 64 nodes and half with `nodes = "auto"`.
+Each runs as `jaxves run` does, and states its error in the certificate. A finer run, with one and a half times the
+greatest number of nodes that the first used (128 at least) and a hundredth of its tolerance, tells the true one:
+the largest distance of any node, in a, or of V_m, in a E_inf, over all saved instants.
+
+What to expect: no run that calls itself complete is off by more than ten times the error it states; at least 90 of
+the 100 end as complete and state at most 1e-2; the median of stated over true error is below 10.
+"""
+
+import argparse
+import collections
+import tempfile
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxves import fourier, plot, status, store
+from jaxves.build import build
+from jaxves.marching import Adaptive, simulate
+from jaxves.problem import with_nodes
+from jaxves.runner import run as run_file
+from jaxves.scenefile import parse
+from jaxves.scenetables import SceneFile
+
+from ._common import save, styled
+from ._common import store as keep
+
+SAVES = 10
+QUICK = dict(count=2, seed=3, nodes=(32,), longest=0.02)
+
+
+def drawn(rng: np.random.Generator, nodes=(64, "auto"), longest=0.5) -> SceneFile:
+    """One scene; its end is a few of the shortest of its time scales away, at most `longest`."""
+
+    def log(low, high):
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    pair = rng.random() < 0.1
+    beta, chi = log(0.1, 20.0), log(0.01, 1.0)
+    vesicle = {"reduced_area": float(rng.uniform(0.55, 0.99)), "angle": float(rng.uniform(0.0, 180.0))}
+    field = {
+        "beta": beta,
+        "conductivity_ratio": log(1e-3, 1e3),
+        "membrane_conductance": 0.0 if rng.random() < 0.5 else log(1e-2, 10.0),
+        "chi": chi,
+        "permittivity_ratio": log(0.3, 3.0),
+    }
+    tables = {"vesicle": [vesicle], "field": field}
+    rate = beta / chi
+    if rng.random() < 0.5:  # between a shear and an extension, in any direction
+        strength, turn, mix = log(0.1, 20.0), rng.uniform(0, 2 * np.pi), rng.uniform()
+        c, s = strength * np.cos(turn), strength * np.sin(turn)
+        spin = mix * strength
+        tables["flow"] = {"kind": "linear", "gradient": [[float(c), float(s + spin)], [float(s - spin), float(-c)]]}
+        rate = max(rate, 2 * strength)
+    if pair:
+        tables["pair"] = {"separation": float(rng.uniform(2.8, 4.0)), "offset_angle": float(rng.uniform(0.0, 90.0))}
+    tables["t_end"] = round(min(longest, log(5.0, 50.0) / rate), 4)
+    tables["numerics"] = {"nodes": nodes[int(rng.integers(len(nodes)))], "tolerance": log(1e-5, 1e-3)}
+    return parse(tables | {"saves": SAVES})
+
+
+@eqx.filter_jit
+def _finer(scene, t_end, tolerance):
+    result = simulate(scene, t_end, saves=SAVES, march=Adaptive(tolerance, max_steps=20_000))
+    return result.x, result.V_m, result.status
+
+
+def true_error(scene_file: SceneFile, record: store.Record) -> tuple[float, str]:
+    """The largest distance of a saved run from a finer one, and the word with which that ended."""
+    N = max(128, 2 * round(0.75 * int(np.max(record.nodes))))
+    scene = build(with_nodes(scene_file, N))
+    x, V_m, code = _finer(scene, jnp.asarray(scene_file.t_end), jnp.asarray(0.01 * scene_file.numerics.tolerance))
+    T = len(record.t)
+    apart = []
+    for found, finer in ((record.x, x), (record.V_m, V_m)):
+        K = max(found.shape[2], N)
+        on = [fourier.resample(jnp.asarray(values), K, axis=2) for values in (found, finer[:T])]
+        apart.append(float(jnp.max(jnp.abs(on[0] - on[1]))))
+    return max(apart), status.WORDS[int(code)]
+
+
+def run(count=100, seed=1, nodes=(64, "auto"), longest=0.5):
+    """A list of what each scene stated and what was true."""
+    rng = np.random.default_rng(seed)
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.h5"
+        for i in range(count):
+            scene_file = drawn(rng, nodes, longest)
+            word = run_file(scene_file, path, force=True)
+            record = store.load(path)
+            stated = record.attributes.get("error", np.nan)
+            true, finer = true_error(scene_file, record) if len(record.t) > 1 else (np.nan, "")
+            found.append(
+                {
+                    "scene": record.scene, "word": word, "stated": float(stated), "true": true, "finer": finer,
+                    "seconds": float(record.attributes["wall_time"]), "nodes": int(np.max(record.nodes)),
+                }
+            )  # fmt: skip
+            print(f"{i:3} {word:14} stated {stated:.1e} true {true:.1e} finer {finer}", flush=True)
+    return found
+
+
+def verdict(found) -> dict:
+    """What the statements come to; ratios are over complete runs whose finer run was complete as well."""
+    known = [
+        case for case in found if case["word"] in status.SUCCESS and case["finer"] in (*status.SUCCESS, "inaccurate")
+    ]
+    ratio = np.array([case["stated"] / max(case["true"], 1e-12) for case in known])
+    good = [case for case in found if case["word"] in status.SUCCESS and case["stated"] <= 1e-2]
+    return {
+        "scenes": len(found),
+        "words": dict(collections.Counter(case["word"] for case in found)),
+        "complete and stated at most 1e-2": len(good),
+        "complete without a finer run": sum(case["word"] in status.SUCCESS for case in found) - len(known),
+        "off by more than ten times what they state": int(np.sum(ratio < 0.1)),
+        "least of stated over true": float(np.min(ratio, initial=np.inf)),
+        "median of stated over true": float(np.median(ratio)) if len(ratio) else np.nan,
+    }
+
+
+@styled
+def draw(found) -> Figure:
+    """Stated against true errors of all scenes that ended as complete or inaccurate."""
+    figure = Figure(figsize=(0.6 * plot.PAGE, 0.5 * plot.PAGE))
+    axes = figure.subplots()
+    for word, marker in (("complete", "o"), ("inaccurate", "x")):
+        cases = [case for case in found if case["word"] == word and np.isfinite(case["stated"])]
+        axes.loglog([c["true"] for c in cases], [c["stated"] for c in cases], marker, ms=3, lw=0, label=word)
+    ends = np.array([1e-8, 1.0])
+    axes.loglog(ends, ends, "k-", lw=0.6, label="stated = true")
+    axes.loglog(ends, 0.1 * ends, "k:", lw=0.6, label="a tenth of the true error")
+    axes.set(xlabel="true error (a, or a E∞ of V_m)", ylabel="stated error", xlim=ends, ylim=ends)
+    axes.legend(loc="lower right")
+    return figure
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=100)
+    arguments = parser.parse_args()
+    found = run(arguments.count, arguments.seed)
+    for name, value in verdict(found).items():
+        print(f"{name}: {value}")
+    keep("random_scenes", {"seed": arguments.seed, "verdict": verdict(found), "cases": found})
+    save(draw(found), "random_scenes")
+
+
+if __name__ == "__main__":
+    main()
