@@ -69,6 +69,6 @@ def _builtin_folder():
 
 
 def _builtin_hint(name: str | Path) -> str:
-    near = difflib.get_close_matches(str(name), builtin_names(), n=1)
+    near = difflib.get_close_matches(Path(name).name, builtin_names(), n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
     return f"a built-in scene: {', '.join(builtin_names())}{hint}"
