@@ -6,7 +6,7 @@ outline is the text of a file that a scene reads.
 
 import math
 
-VESICLE = 't_end = 1.0\n[[vesicle]]\nreduced_area = 0.9\n'
+VESICLE = "t_end = 1.0\n[[vesicle]]\nreduced_area = 0.9\n"
 FIELD = "[field]\nbeta = 3.2\nconductivity_ratio = 0.1\n"
 SWEEP = 'scene = "pop"\n[axes]\n'
 
@@ -34,7 +34,7 @@ OF_VESICLE = {
     "points without any": ('shape = "points"', r"vesicle\[0\]"),
     "a disturbance in words": ('disturbance = "small"', r"vesicle\[0\].disturbance"),
     "an infinite disturbance": ("disturbance = inf", r"vesicle\[0\].disturbance = inf"),
-    "a conductivity ratio below zero": ("conductivity_ratio = -1.0\n" + FIELD, r"vesicle\[0\].conductivity_ratio = -1.0"),
+    "a conductivity ratio below zero": ("conductivity_ratio = -1\n" + FIELD, r"vesicle\[0\].conductivity_ratio = -1"),
     "chi of zero": ("chi = 0.0\n" + FIELD, r"vesicle\[0\].chi = 0.0"),
     "a permittivity of zero": ("permittivity_ratio = 0\n" + FIELD, r"vesicle\[0\].permittivity_ratio = 0"),
     "a conductance that is NaN": ("membrane_conductance = nan\n" + FIELD, r"vesicle\[0\].membrane_conductance = nan"),
@@ -59,25 +59,31 @@ OF_SCENE = {
     "a time of another kind": (FIELD + '[field.time]\nkind = "ramp"', 'field.time.kind = "ramp"'),
     "a pulse without a start": (FIELD + '[field.time]\nkind = "pulse"\nduration = 1.0', "field.time.start is missing"),
     "a pulse that goes back": (
-        FIELD + '[field.time]\nkind = "pulse"\nstart = 0.0\nduration = -1.0', "field.time.duration = -1.0",
+        FIELD + '[field.time]\nkind = "pulse"\nstart = 0.0\nduration = -1.0',
+        "field.time.duration = -1.0",
     ),
     "a pulse without flanks": (
-        FIELD + '[field.time]\nkind = "pulse"\nstart = 0.0\nduration = 1.0\nrise = 0.0', "field.time.rise = 0.0",
+        FIELD + '[field.time]\nkind = "pulse"\nstart = 0.0\nduration = 1.0\nrise = 0.0',
+        "field.time.rise = 0.0",
     ),
     "a sine without a frequency": (FIELD + '[field.time]\nkind = "sine"', "field.time.frequency is missing"),
     "a sine that stands": (FIELD + '[field.time]\nkind = "sine"\nfrequency = 0.0', "field.time.frequency = 0.0"),
     "a sine with a pulse's key": (
-        FIELD + '[field.time]\nkind = "sine"\nfrequency = 1.0\nrise = 1.0', "field.time.rise = 1.0",
+        FIELD + '[field.time]\nkind = "sine"\nfrequency = 1.0\nrise = 1.0',
+        "field.time.rise = 1.0",
     ),
     "a table that goes back": (
-        FIELD + '[field.time]\nkind = "table"\ntimes = [1.0, 0.0]\nvalues = [0.0, 1.0]', "field.time.times",
+        FIELD + '[field.time]\nkind = "table"\ntimes = [1.0, 0.0]\nvalues = [0.0, 1.0]',
+        "field.time.times",
     ),
     "a table of one time": (FIELD + '[field.time]\nkind = "table"\ntimes = [1.0]\nvalues = [0.0]', "field.time.times"),
     "a table with a value too many": (
-        FIELD + '[field.time]\nkind = "table"\ntimes = [0.0, 1.0]\nvalues = [0.0, 1.0, 2.0]', "field.time.values",
+        FIELD + '[field.time]\nkind = "table"\ntimes = [0.0, 1.0]\nvalues = [0.0, 1.0, 2.0]',
+        "field.time.values",
     ),
     "a table with a word": (
-        FIELD + '[field.time]\nkind = "table"\ntimes = [0.0, 1.0]\nvalues = [0.0, "on"]', "field.time.values",
+        FIELD + '[field.time]\nkind = "table"\ntimes = [0.0, 1.0]\nvalues = [0.0, "on"]',
+        "field.time.values",
     ),
     "a flow of no kind": ("[flow]\ncapillary_number = 1.0", "flow.kind"),
     "a flow of another kind": ('[flow]\nkind = "vortex"', 'flow.kind = "vortex"'),
@@ -85,7 +91,8 @@ OF_SCENE = {
     "a shear of zero": ('[flow]\nkind = "shear"\ncapillary_number = 0.0', "flow.capillary_number = 0.0"),
     "a shear that is NaN": ('[flow]\nkind = "shear"\ncapillary_number = nan', "flow.capillary_number = nan"),
     "a shear with a gradient": (
-        '[flow]\nkind = "shear"\ncapillary_number = 1.0\ngradient = [[0, 1], [0, 0]]', "flow.gradient",
+        '[flow]\nkind = "shear"\ncapillary_number = 1.0\ngradient = [[0, 1], [0, 0]]',
+        "flow.gradient",
     ),
     "a flow with a source": ('[flow]\nkind = "linear"\ngradient = [[1.0, 0.0], [0.0, 1.0]]', "flow.gradient"),
     "a gradient of three": ('[flow]\nkind = "linear"\ngradient = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]', "flow.gradient"),
@@ -93,7 +100,8 @@ OF_SCENE = {
     "a pair in one place": ("[pair]\nseparation = 0.0", "pair.separation = 0.0"),
     "a pair without a distance": ("[pair]\noffset_angle = 3.0", "pair.separation is missing"),
     "a pair of two vesicles": (
-        "[[vesicle]]\nreduced_area = 0.9\ncenter = [9.0, 0.0]\n[pair]\nseparation = 3.0", "pair.*exactly one",
+        "[[vesicle]]\nreduced_area = 0.9\ncenter = [9.0, 0.0]\n[pair]\nseparation = 3.0",
+        "pair.*exactly one",
     ),
     "two vesicles in one place": ("[[vesicle]]\nreduced_area = 0.8", r"vesicle\[1\].center.*vesicle\[0\]"),
     "a vesicle inside of another": ("[[vesicle]]\nreduced_area = 0.8\nlength = 0.3", r"vesicle\[1\].center"),
@@ -125,7 +133,8 @@ OF_SCENE = {
     "no saves": ("#t_end = 1.0\nsaves = 0\n[[vesicle]]\nreduced_area = 0.9", "saves = 0"),
     "half a save": ("#t_end = 1.0\nsaves = 0.5\n[[vesicle]]\nreduced_area = 0.9", "saves = 0.5"),
     "a window beyond the end": (
-        "#t_end = 1.0\naverage = [0.5, 2.0]\n[[vesicle]]\nreduced_area = 0.9", "average = .*t_end = 1.0",
+        "#t_end = 1.0\naverage = [0.5, 2.0]\n[[vesicle]]\nreduced_area = 0.9",
+        "average = .*t_end = 1.0",
     ),
     "a window that goes back": ("#t_end = 1.0\naverage = [0.5, 0.2]\n[[vesicle]]\nreduced_area = 0.9", "average"),
     "no vesicle": ("#t_end = 1.0", "vesicle is missing"),
@@ -158,9 +167,9 @@ OF_SWEEP = {
     "cases of other numbers": (
         'scene = "pop"\n[[cases]]\n"field.beta" = 1.0\n[[cases]]\n"field.chi" = 1.0', r"cases\[1\]",
     ),
-    "a sample of no cases": ('scene = "pop"\n[sample]\nnum = 0\nranges = { "field.beta" = [1.0, 2.0] }', "sample.num = 0"),
+    "a sample of no cases": ('scene = "pop"\n[sample]\nnum = 0\nranges = { "field.beta" = [1, 2] }', "sample.num = 0"),
     "a sequence of five": (
-        'scene = "pop"\n[sample]\nnum = 5\nsequence = "sobol"\nranges = { "field.beta" = [1.0, 2.0] }', "sample.num = 5",
+        'scene = "pop"\n[sample]\nnum = 5\nsequence = "sobol"\nranges = { "field.beta" = [1, 2] }', "sample.num = 5",
     ),
     "something to keep that is none": ('scene = "pop"\nkeep = ["films"]\n[axes]\n"field.beta" = [1.0]', "keep"),
     "no steps": ('scene = "pop"\nmax_steps = [0, 0]\n[axes]\n"field.beta" = [1.0]', "max_steps"),
