@@ -52,7 +52,7 @@ class Membrane:
         self.weights = 2 * np.pi / grid.N * self.speed
         self.tangent = tangent / self.speed[:, None]
         self.normal = self.tangent[:, ::-1] * [1, -1]
-        self.curvature = np.sum((self.d_ds @ self.tangent) * self.normal, axis=1) * -1
+        self.curvature = -np.sum((self.d_ds @ self.tangent) * self.normal, axis=1)
         difference = x[:, None] - x[None]
         eye = np.eye(grid.N)
         distance2 = np.sum(difference**2, axis=-1) + eye

@@ -26,6 +26,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -44,7 +45,7 @@ from jaxves.steppers import ARK4, SemiImplicitEuler
 
 from . import _plain
 from ._common import interleaved, march, medians, pop, store
-from .throughput import compiled, keep_freed_memory, linear_solve
+from .throughput import compiled, keep_freed_memory, linear_solve, step
 
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")  # read when JAX starts, at its first array
 
@@ -52,13 +53,6 @@ NUMBERS = _plain.Numbers(beta=3.2, chi=0.08, conductivity_ratio=0.1)
 H, STEPS = 1e-3, 40
 SCHEMES = {"jaxves, first order": SemiImplicitEuler(), "jaxves, fourth order": ARK4()}
 QUICK = dict(sizes=(32,), repeats=3, rounds=1)
-
-
-def step(stepper, equation, y):
-    """One step as a run takes it: freeze, stages, filter and projection."""
-    t = jnp.zeros(())
-    frozen = equation.freeze(t, y)
-    return equation.project(stepper.step(equation, frozen, t, y, jnp.asarray(H)).y, frozen.constraint)
 
 
 def _deformation(x) -> float:
@@ -130,7 +124,7 @@ def _ours(setting):
     state, _, equation = march(setting, Adaptive(1e-8), [STEPS * H])
     y = jax.jit(lambda equation: equation.start())(equation)
     calls = {
-        name: compiled(lambda equation, y, stepper=stepper: step(stepper, equation, y), equation, y)[0]
+        name: compiled(partial(step, stepper=stepper), equation, y, jnp.asarray(H))[0]
         for name, stepper in SCHEMES.items()
     }
     ends = {name: march(setting, Fixed(STEPS, stepper), [STEPS * H])[0].y.x[0] for name, stepper in SCHEMES.items()}

@@ -51,11 +51,11 @@ def rate(equation, y):
     return equation.rate(jnp.zeros(()), y)
 
 
-def step(equation, y, h):
-    """One fourth-order step as a run takes it: freeze, six stages, filter and projection."""
+def step(equation, y, h, stepper=ARK4()):  # noqa: B008, a stepper has no state
+    """One step as a run takes it: freeze, stages, filter and projection."""
     t = jnp.zeros(())
     frozen = equation.freeze(t, y)
-    return equation.project(ARK4().step(equation, frozen, t, y, h).y, frozen.constraint)
+    return equation.project(stepper.step(equation, frozen, t, y, h).y, frozen.constraint)
 
 
 def compiled(function, *arguments):
