@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxves
+from jaxves import status
 
 README = Path(__file__).parent.parent / "README.md"
 
@@ -35,6 +36,11 @@ def test_what_a_page_calls_can_be_called(page):
         assert callable(found), called
     for name in re.findall(r"`jaxves\.(\w+)", text):
         assert hasattr(jaxves, name), name
+
+
+def test_the_readme_lists_every_status_that_a_run_can_end_with():
+    text = README.read_text(encoding="utf-8")
+    assert [word for word in status.WORDS.values() if word != "running" and f"`{word}`" not in text] == []
 
 
 def test_functions_that_share_the_name_of_their_module_have_one_of_their_own():
