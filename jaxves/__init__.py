@@ -92,6 +92,7 @@ _LAYERS = {
     "case": (),
     # runs, result files, pictures
     "hdf5": (),
+    "ownership": (),
     "store": (),
     "problem": (),
     # derivatives and inverse problems

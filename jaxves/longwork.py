@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from . import sweepstore
 from .console import BROKE_DOWN, err, out, refused, say
+from .ownership import LostFile
 from .scenefile import SceneError, SceneFile
 from .store import StoreError
 from .sweepstore import SweepRecord
@@ -42,11 +43,11 @@ def simulate(scene_file: SceneFile, file: Path, force: bool, resume: bool) -> st
 
         try:
             return runner.run(scene_file, file, force=force, resume=resume, progress=show)
-        except StoreError as error:
-            raise refused(error) from None
-        except runner.Broken as error:
+        except (runner.Broken, LostFile) as error:
             say(error)
             raise typer.Exit(BROKE_DOWN) from None
+        except StoreError as error:
+            raise refused(error) from None
 
 
 def sweep(file: Path, results: Path, **how) -> SweepRecord | None:
@@ -76,6 +77,9 @@ def sweep(file: Path, results: Path, **how) -> SweepRecord | None:
 
         try:
             record = sweeping.sweep(file, results, progress=show, **how)
+        except LostFile as error:
+            say(error)
+            raise typer.Exit(BROKE_DOWN) from None
         except (SceneError, StoreError) as error:
             raise refused(error) from None
     if not team.is_first():

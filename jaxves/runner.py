@@ -20,6 +20,7 @@ from .build import build
 from .case import Case
 from .certificate import LEAST_DIGITS, certificate, weakest
 from .marching import State
+from .ownership import real, writing
 from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
 from .resolution import Resolution, resolution_of
 from .scenefile import load, to_toml
@@ -112,16 +113,25 @@ def run(
 
     Raises:
         SceneError: no such scene, or a value that no scene file may have.
-        store.StoreError: the file exists (without `force`), cannot be written, or cannot be resumed.
+        store.StoreError: the file exists (without `force`), is being written by another run, cannot be written, or
+            cannot be resumed.
         Broken: it can no longer be written.
         KeyboardInterrupt: Ctrl-C before there was anything to write.
     """
-    began, path = time.perf_counter(), Path(path)
+    began, path = time.perf_counter(), real(path)
     scene_file = load(scene_file) if isinstance(scene_file, str | Path) else scene_file
     Case.of(scene_file, RUN)
-    if resume and store.is_done(path, to_toml(scene_file)):
-        return store.load(path).status
-    begun = _continued(scene_file, path) if resume else _new(scene_file, path, force, progress)
+    with writing(path):
+        if resume and store.is_done(path, to_toml(scene_file)):
+            return store.load(path).status
+        if not resume and not force and path.exists():
+            raise store.StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
+        begun = _continued(scene_file, path) if resume else _new(scene_file, path, force, progress)
+        return _carried_out(scene_file, begun, began, progress)
+
+
+def _carried_out(scene_file: SceneFile, begun: "_Begun", began: float, progress: Progress) -> str:
+    """Marches, judges the result and ends the file; returns the status word."""
     with begun.rows.writer as writer:
         try:
             if begun.failed is None:

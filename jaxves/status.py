@@ -41,7 +41,7 @@ WORDS = {
 }
 
 ADVICE = {
-    "running": "The run was cut off; continue it with --resume.",
+    "running": "Its process has ended; everything up to here is kept; continue it with --resume.",
     "complete": "",
     "steady": "The stop condition was met: nothing moves faster than the limit.",
     "class reached": "The stop condition was met.",

@@ -37,6 +37,7 @@ from .hdf5 import (
     replacing,
     slots,
 )
+from .ownership import check_in_place
 
 __all__ = ["HISTORY", "Description", "Record", "StoreError", "Writer", "is_done", "load", "resume"]
 
@@ -144,6 +145,7 @@ class Writer(OpenFile):
         Raises:
             ValueError: names or shapes are not those of the file.
             StoreError: the file cannot be written.
+            LostFile: it was removed or replaced; a copy holds all that was added.
         """
         saved = self.saved + self._checked_count(block)
         with named_errors("write", self.path):
@@ -162,6 +164,7 @@ class Writer(OpenFile):
             self._file.flush()
             self._file.attrs.modify("saved", saved)
             self._file.flush()
+            check_in_place(self._file, self.path)
         self._free, self._valid = self._valid, self._free
         self.saved = saved
 
@@ -222,6 +225,7 @@ class Writer(OpenFile):
 
     @contextmanager
     def _rebuilding(self):
+        check_in_place(self._file, self.path)
         self._file.close()
         with replacing(self.path, copy=True) as file:
             yield file

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from . import pairphases, phases, status
 from .certificate import certificate, weakest
+from .ownership import writer_of
 from .store import Record
 
 _SHOWN = (
@@ -34,11 +35,18 @@ _SHOWN = (
 def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     """Lines and tables, one after the other."""
     advice = record.attributes["advice"] or status.ADVICE.get(record.status, "")
+    unfinished = record.status == status.WORDS[status.RUNNING]
+    who = writer_of(path) if unfinished else None
+    word = record.status if who or not unfinished else "cut off"
     if len(record.t) == 0:
-        yield f"{path}: {record.status}, and no saved time. {advice}".rstrip()
+        yield f"{path}: {word}, and no saved time. {'' if who else advice}".rstrip()
         return
-    wall = record.attributes["wall_time"]
-    yield f"{path}: {record.status} at t = {record.t[-1]:.6g} after {wall:.1f} s. {advice}".rstrip()
+    if who:
+        rows = f"{len(record.t)} of {record.attributes['saves']} saved times"
+        yield f"{path}: running, written by {who}, at t = {record.t[-1]:.6g} so far with {rows}"
+    else:
+        wall = record.attributes["wall_time"]
+        yield f"{path}: {word} at t = {record.t[-1]:.6g} after {wall:.1f} s. {advice}".rstrip()
     M = record.x.shape[1]
     nodes = " or ".join(str(N) for N in np.unique(record.nodes))
     yield f"{M} vesicle{'s' * (M > 1)} of {nodes} nodes, {len(record.t)} saved times"

@@ -8,6 +8,7 @@ there are none. After every batch its cases are in the file.
 import dataclasses
 import time
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ import numpy as np
 from . import diagnostics, refinement, status, sweepfile, sweepstore, team
 from .batches import METHODS, Batches
 from .hdf5 import StoreError
+from .ownership import LostFile, real, writing
 from .sweepfile import Plan
 from .sweepstore import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, SweepWriter, Variable
 from .sweeptables import SweepFile
@@ -78,9 +80,10 @@ def sweep(
 
     Raises:
         SceneError: bad input, or a case that does not fit into memory.
-        StoreError: a file that exists, is of another sweep, or cannot be written.
+        StoreError: a file that exists, is of another sweep, is being written by another run, or cannot be written.
+        LostFile: the file was removed or replaced meanwhile; a copy holds what it had.
     """
-    path = Path(path)
+    path = real(path)
     strict = isinstance(source, str | Path)
     origin = str(source) if strict else "sweep"
     if strict:
@@ -90,13 +93,14 @@ def sweep(
     plan = sweepfile.plan(source, origin=origin, strict=strict)
     if force and resume:
         raise StoreError(f"{path}: force replaces the file and resume continues it, give one of them.")
-    if resume:
-        _check_resumable(path, plan)
-    elif team.is_first() and path.exists() and not force:
-        raise StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
-    progress(0, len(plan.values) - len(plan.refused), "compiling")
-    batches = Batches(source, plan.names, _devices(devices), _method(method), _count("batch", batch))
-    return _Sweep(path, plan, batches, force, resume, progress).run()
+    with writing(path) if team.is_first() else nullcontext():
+        if resume:
+            _check_resumable(path, plan)
+        elif team.is_first() and path.exists() and not force:
+            raise StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
+        progress(0, len(plan.values) - len(plan.refused), "compiling")
+        batches = Batches(source, plan.names, _devices(devices), _method(method), _count("batch", batch))
+        return _Sweep(path, plan, batches, force, resume, progress).run()
 
 
 def _devices(count: int | None) -> list[jax.Device]:
@@ -156,8 +160,11 @@ class _Sweep:
                     self._pass(writer, due)
                 self._meet()
             word = "complete"
+        except LostFile:  # what has the name now is not this sweep's
+            word = "lost"
+            raise
         finally:
-            if team.is_first():
+            if team.is_first() and word != "lost":
                 self._finish(word)
             if word == "complete":
                 self._wait("finished")

@@ -23,6 +23,7 @@ import numpy as np
 
 from . import phases, status
 from .hdf5 import OpenFile, StoreError, named_errors, replacing
+from .ownership import check_in_place
 from .sweepfile import Plan, to_toml
 
 SCHEMA_VERSION = 1
@@ -176,6 +177,7 @@ class SweepWriter(OpenFile):
                 place = self._place(int(cases[first]), last - first)
                 self._file["status"][place] = self.status[cases[first:last]]
             self._file.flush()
+            check_in_place(self._file, self.path)
 
     def mark(self, cases: np.ndarray, word: str) -> None:
         """Gives these cases a status and nothing else."""

@@ -11,6 +11,7 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from . import status
+from .ownership import writer_of
 from .sweepstore import DUE, SKIPPED, SweepRecord
 
 _SHOWN = (
@@ -36,7 +37,13 @@ def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
     """Lines and tables, one after the other."""
     grid = " × ".join(f"{n} {dim}" for dim, n in zip(record.dims, record.status.shape, strict=True))
     wall = record.attributes["wall_time"]
-    yield f"{path}: sweep {record.attributes['status']} after {wall:.1f} s; {grid}, {record.attributes['nodes']} nodes"
+    what = f"{grid}, {record.attributes['nodes']} nodes"
+    if record.attributes["status"] != "running":
+        yield f"{path}: sweep {record.attributes['status']} after {wall:.1f} s; {what}"
+    elif who := writer_of(path):
+        yield f"{path}: sweep running so far, written by {who}; {what}"
+    else:
+        yield f"{path}: sweep cut off; {what}. Continue it with --resume."
     yield "cases: " + ", ".join(f"{count} {word}" for word, count in record.counts().items())
     if record.classes is not None:
         words, counts = np.unique(record.classes[record.classes != ""], return_counts=True)

@@ -1,0 +1,284 @@
+"""Several processes and one result file; runs that are extended; runs that start where another ended."""
+
+import contextlib
+import io
+import os
+import subprocess
+import sys
+import threading
+import time
+import tomllib
+
+import h5py
+import pytest
+from conftest import stored
+
+import jaxves
+from jaxves import ownership, runner, store, sweepstore
+from jaxves.cli import answer
+from jaxves.ownership import writer_of, writing
+from jaxves.scenefile import parse
+from jaxves.store import StoreError
+
+SCENE = """t_end = {t_end}
+saves = {saves}
+[[vesicle]]
+reduced_area = 0.9
+angle = 90.0
+[field]
+beta = {beta}
+conductivity_ratio = 0.1
+[numerics]
+nodes = 24
+tolerance = 1e-2
+certify = false
+"""
+
+
+def text(t_end=0.04, saves=4, beta=1.0):
+    return SCENE.format(t_end=t_end, saves=saves, beta=beta)
+
+
+def scene(**changes):
+    return parse(tomllib.loads(text(**changes)))
+
+
+def call(*arguments):
+    """Exit status, standard output and standard error of one command, in this process."""
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        code = answer([str(argument) for argument in arguments])
+    return code, out.getvalue(), err.getvalue().strip()
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+class After:
+    """Does something once so many saved times have been computed, as progress is shown."""
+
+    def __init__(self, rows, action):
+        self.rows, self.action = rows, action
+
+    def __call__(self, t, said):
+        self.rows -= t > 0
+        if self.rows == 0:
+            self.action()
+
+
+def say_running(path):
+    with h5py.File(path, "r+") as file:
+        file.attrs["status"] = "running"
+
+
+def interrupt():
+    raise KeyboardInterrupt
+
+
+# --- one writer for each file -------------------------------------------------------------------
+
+HOLDER = """
+import sys
+from pathlib import Path
+from jaxves.ownership import writing
+
+with writing(Path(sys.argv[1])):
+    print("holding", flush=True)
+    sys.stdin.readline()
+"""
+
+
+@pytest.fixture
+def holder(tmp_path):
+    """A process that writes `out.h5` until it reads a line."""
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, tmp_path / "out.h5"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "holding\n"
+        yield process
+        process.kill()
+
+
+@pytest.fixture
+def finished(tmp_path):
+    """The file of a run that is complete."""
+    assert runner.run(scene(), tmp_path / "out.h5") == "complete"
+    return tmp_path / "out.h5"
+
+
+@pytest.mark.parametrize("how", ["--force", "--resume"])
+def test_a_file_that_another_process_writes_is_refused_and_left_as_it_is(finished, holder, tmp_path, how):
+    (tmp_path / "scene.toml").write_text(text())
+    say_running(finished)
+    before = finished.read_bytes()
+    code, out, err = call("run", tmp_path / "scene.toml", "--out", finished, how)
+    assert (code, out, err.count("\n")) == (2, "", 0)
+    assert f"{finished} is being written by another run (process {holder.pid} on " in err and "another --out" in err
+    assert finished.read_bytes() == before
+
+
+def test_the_lock_of_a_killed_process_blocks_no_one(finished, holder, tmp_path):
+    assert writer_of(finished).startswith(f"process {holder.pid} on ")
+    holder.kill()
+    holder.wait()
+    assert ".out.h5.lock" in names(tmp_path) and writer_of(finished) is None
+    assert runner.run(scene(), finished, force=True) == "complete"
+    assert names(tmp_path) == ["out.h5"]
+
+
+def test_a_second_run_in_the_same_process_is_refused_even_before_the_file_exists(tmp_path):
+    """The first is still compiling, or relaxing a vesicle."""
+    path, refused = tmp_path / "out.h5", []
+
+    def second(t, said):
+        if said == "compiling":
+            assert not path.exists()
+            with pytest.raises(StoreError, match=f"being written by another run .process {os.getpid()} on"):
+                runner.run(scene(beta=2.0), path)
+            refused.append(said)
+
+    assert runner.run(scene(), path, progress=second) == "complete"
+    assert refused and "beta = 1.0" in store.load(path).scene
+    assert names(tmp_path) == ["out.h5"]
+
+
+def test_of_many_that_want_to_write_at_once_one_does(tmp_path):
+    path, inside, most, outcomes = tmp_path / "out.h5", [0], [0], []
+
+    def want():
+        try:
+            with writing(path):
+                inside[0] += 1
+                most[0] = max(most[0], inside[0])
+                time.sleep(0.01)
+                inside[0] -= 1
+            outcomes.append("wrote")
+        except StoreError:
+            outcomes.append("refused")
+
+    threads = [threading.Thread(target=want) for _ in range(40)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == [1] and len(outcomes) == 40 and "wrote" in outcomes
+    assert names(tmp_path) == []
+
+
+def test_show_tells_a_living_run_from_one_whose_process_has_ended(finished, holder):
+    say_running(finished)
+    said = call("show", finished)[1].splitlines()[0]
+    assert f"running, written by process {holder.pid} on " in said
+    assert "t = 0.04 so far with 5 of 5 saved times" in said and "--resume" not in said
+    holder.kill()
+    holder.wait()
+    said = call("show", finished)[1].splitlines()[0]
+    assert "cut off at t = 0.04" in said and "--resume" in said and "running" not in said
+
+
+def remove(path):
+    path.unlink()
+
+
+def replace(path):
+    path.with_name("new").write_bytes(b"of someone else")
+    path.with_name("new").replace(path)
+
+
+def move(path):
+    path.rename(path.with_name("moved.h5"))
+
+
+@pytest.mark.parametrize("taken", [remove, replace, move])
+@pytest.mark.parametrize("seconds", [0.0, 1e9], ids=["while it runs", "at its end"])
+def test_a_run_whose_file_is_taken_away_keeps_its_rows_elsewhere_and_says_so(tmp_path, monkeypatch, taken, seconds):
+    path, kept = tmp_path / "out.h5", tmp_path / "out.lost.h5"
+    (tmp_path / "scene.toml").write_text(text())
+    monkeypatch.setattr(runner, "_SECONDS", seconds)
+    stepped = runner.Resolution.stepped
+
+    def then_taken(self, state, t_save):
+        if t_save == 0.02:
+            taken(path)
+        return stepped(self, state, t_save)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(runner.Resolution, "stepped", then_taken)
+        code, out, err = call("run", tmp_path / "scene.toml", "--out", path)
+    assert (code, out) == (3, "")
+    assert "\n" not in err and str(path) in err and str(kept) in err
+    assert path.exists() == (taken is replace)
+    if taken is replace:
+        assert path.read_bytes() == b"of someone else"
+    assert {".out.h5.lock", "out.h5.part"}.isdisjoint(names(tmp_path))
+    # Nothing is lost: the copy goes on to the bits of a run that nobody disturbed.
+    assert len(store.load(kept).t) == (3 if seconds == 0 else 5)
+    assert runner.run(scene(), kept, resume=True) == "complete"
+    assert runner.run(scene(), tmp_path / "whole.h5") == "complete"
+    assert stored(kept) == stored(tmp_path / "whole.h5")
+
+
+def test_a_lost_run_does_not_overwrite_what_an_earlier_one_saved(tmp_path, monkeypatch):
+    path = tmp_path / "out.h5"
+    (tmp_path / "out.lost.h5").write_bytes(b"precious")
+    with pytest.raises(runner.Broken, match=r"out\.lost1\.h5"):
+        runner.run(scene(), path, progress=After(2, path.unlink))
+    assert (tmp_path / "out.lost.h5").read_bytes() == b"precious"
+    assert len(store.load(tmp_path / "out.lost1.h5").t) == 5
+
+
+def test_a_symbolic_link_stays_one_and_its_file_has_one_writer(tmp_path):
+    (tmp_path / "there").mkdir()
+    real, link = tmp_path / "there" / "real.h5", tmp_path / "link.h5"
+    link.symlink_to(real)
+    with writing(real), pytest.raises(StoreError, match="being written by another run"):
+        runner.run(scene(), link)
+    assert runner.run(scene(), link) == "complete"
+    assert link.is_symlink() and store.load(real).status == "complete"
+    assert names(tmp_path) == ["link.h5", "there"] and names(tmp_path / "there") == ["real.h5"]
+
+
+def test_names_with_spaces_and_umlauts_are_names_like_others(tmp_path):
+    path = tmp_path / "zwei Bläschen %d.h5"
+    with writing(path):
+        assert writer_of(path)
+        with pytest.raises(StoreError, match="zwei Bläschen %d"):
+            runner.run(scene(), path)
+    assert runner.run(scene(), path) == "complete"
+    assert names(tmp_path) == [path.name]
+
+
+def test_a_folder_that_cannot_be_written_or_is_none_is_named_in_one_line(tmp_path, monkeypatch):
+    with pytest.raises(StoreError, match=r"cannot write .*nowhere/out\.h5: No such file or directory"):
+        runner.run(scene(), tmp_path / "nowhere" / "out.h5")
+
+    def denied(*arguments, **options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(ownership.os, "open", denied)  # the superuser may write everywhere
+    with pytest.raises(StoreError, match=r"cannot write .*out\.h5: Permission denied"):
+        runner.run(scene(), tmp_path / "out.h5")
+
+
+SWEEP = {"scene": tomllib.loads(text(t_end=0.02, saves=2)), "axes": {"field.beta": [0.5, 1.0, 1.5]}}
+
+
+def test_the_file_of_a_sweep_has_one_writer_and_is_not_overwritten_when_taken_away(tmp_path):
+    path = tmp_path / "sweep.h5"
+
+    def at_first_case(done, total, said):
+        if said == "cases" and done == 1:
+            with pytest.raises(StoreError, match="being written by another run"):
+                jaxves.sweep(SWEEP, path, devices=1, batch=1, force=True)
+            replace(path)
+
+    with pytest.raises(ownership.LostFile, match=r"sweep\.lost\.h5"):
+        jaxves.sweep(SWEEP, path, devices=1, batch=1, progress=at_first_case)
+    assert path.read_bytes() == b"of someone else"
+    kept = tmp_path / "sweep.lost.h5"
+    assert sweepstore.load(kept).counts() == {"complete": 2, "pending": 1}
+    assert "sweep cut off" in call("show", kept)[1]
+    with writing(kept):
+        assert "sweep running" in call("show", kept)[1]
+    assert jaxves.sweep(SWEEP, kept, devices=1, batch=1, resume=True).counts() == {"complete": 3}
+    assert names(tmp_path) == ["sweep.h5", "sweep.lost.h5"]
