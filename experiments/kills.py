@@ -22,7 +22,8 @@ import h5py
 import numpy as np
 import tomli_w
 
-from jaxves.hdf5 import datasets_below, histories, slots
+from jaxves.hdf5 import datasets_below, histories
+from jaxves.restart import leaves_in, slots
 from jaxves.sweepstore import DUE
 
 from ._common import store
@@ -62,7 +63,7 @@ def everything(path: Path) -> dict[str, bytes | list]:
     with h5py.File(path) as file:
         found = {name: data for name, data in datasets_below(file).items() if not name.startswith("restart/")}
         if "restart" in file:
-            found |= datasets_below(slots(file)[0])
+            found |= leaves_in(slots(file)[0])
         return {name: list(np.ravel(d[()])) if d.dtype == object else d[()].tobytes() for name, d in found.items()}
 
 
@@ -74,7 +75,7 @@ def kept(broken: Path, whole: Path) -> tuple[int, bool]:
         done = acknowledged(file)
         same = parts(file, done) == parts(undisturbed, done)
         if "restart" in file:
-            same &= bool(slots(file)[0]["t"][()] == file["t"][file.attrs["saved"] - 1])
+            same &= bool(leaves_in(slots(file)[0])["t"] == file["t"][file.attrs["saved"] - 1])
         return int(done.sum()), same
 
 

@@ -93,7 +93,9 @@ _LAYERS = {
     # runs, result files, pictures
     "hdf5": (),
     "ownership": (),
+    "restart": (),
     "store": (),
+    "continuation": (),
     "problem": (),
     # derivatives and inverse problems
     "steady": (),

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from . import __version__, console, longwork, pictures, status, store, sweepfile, sweepstore, sweepsummary
+from . import __version__, console, continuation, longwork, pictures, status, store, sweepfile, sweepstore, sweepsummary
 from .pictures import Picture
-from .scenefile import SceneError, builtin_names, load, to_toml
+from .scenefile import SceneError, builtin_names, load
 from .store import Record, StoreError
 from .summary import derivatives, summary
 from .sweepstore import SweepRecord
@@ -63,7 +63,7 @@ def run(
         scene_file = load(scene)
         if force and resume:
             raise console.refused("--force replaces the result file and --resume continues it: give one of them.")
-        if resume and store.is_done(out, to_toml(scene_file)):
+        if resume and continuation.is_done(out, scene_file):
             console.out.print(f"{out} is done ({store.load(out).status}): there is nothing to resume.")
             return
     except (SceneError, StoreError) as error:

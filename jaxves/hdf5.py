@@ -1,7 +1,8 @@
-"""HDF5 below result files: files replaced as a whole, datasets with labels and room to fill, restart slots.
+"""HDF5 below result files: files replaced as a whole, datasets with labels and room to fill.
 
 Names are netCDF's: the datasets `/t`, `/vesicle`, `/node`, `/xy` (and `/ab`, second axis of a tensor) are attached
-to the others as dimension scales, so that xarray and HDFView label the axes.
+to the others as dimension scales, so that xarray and HDFView label the axes. `/diagnostics/t` is a link to `/t`, so
+that this group has its times when it is opened alone, too.
 """
 
 import os
@@ -107,6 +108,13 @@ def create_datasets(file: h5py.File, datasets: dict[str, Description], sizes: di
         file[dim].attrs.update(units="1", long_name=_SCALES[dim])
     for name, described in datasets.items():
         _label(file, file[name], described.units, described.long_name, described.dims)
+    link_times(file)
+
+
+def link_times(file: h5py.File) -> None:
+    """Gives the group of diagnostics, if there is one, the times of the file."""
+    if "diagnostics" in file and "t" not in file["diagnostics"]:
+        file["diagnostics/t"] = h5py.SoftLink("/t")
 
 
 def _label(file: h5py.File, dataset: h5py.Dataset, units: str, long_name: str, dims) -> None:
@@ -130,20 +138,6 @@ def delete_averages(file: h5py.File) -> None:
         for axis in dataset.dims:
             axis.detach_scale(axis[0])  # or the scale would go on referring to it
     del file["averages"]
-
-
-def create_slot(file: h5py.File, name: str, leaves: dict[str, np.ndarray]) -> None:
-    """A restart slot with room for `leaves`, valid for no row."""
-    slot = file.create_group(name)
-    slot.attrs["saved"] = 0
-    for leaf_name, leaf in leaves.items():
-        slot[leaf_name] = leaf
-
-
-def slots(file: h5py.File) -> tuple[h5py.Group, h5py.Group]:
-    """The restart slot which belongs to the saved rows, and the other."""
-    a, b = file["restart/a"], file["restart/b"]
-    return (a, b) if a.attrs["saved"] == file.attrs["saved"] else (b, a)
 
 
 def datasets_below(group: h5py.Group) -> dict[str, h5py.Dataset]:

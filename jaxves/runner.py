@@ -19,6 +19,7 @@ from . import diagnostics, marching, phases, status, store
 from .build import build
 from .case import Case
 from .certificate import LEAST_DIGITS, certificate, weakest
+from .continuation import is_done, saved_times
 from .marching import State
 from .ownership import real, writing
 from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
@@ -109,7 +110,8 @@ def run(
 
     Ctrl-C ends it as "interrupted".
 
-    With `resume` the file is continued; one that is done already is left as it is.
+    With `resume` the file is continued, also to a later `t_end` with as many more `saves`; one that is done already is
+    left as it is.
 
     Raises:
         SceneError: no such scene, or a value that no scene file may have.
@@ -122,7 +124,7 @@ def run(
     scene_file = load(scene_file) if isinstance(scene_file, str | Path) else scene_file
     Case.of(scene_file, RUN)
     with writing(path):
-        if resume and store.is_done(path, to_toml(scene_file)):
+        if resume and is_done(path, scene_file):
             return store.load(path).status
         if not resume and not force and path.exists():
             raise store.StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
@@ -182,7 +184,7 @@ def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> 
         path,
         scene_text=to_toml(scene_file),
         attributes={"device": str(jax.devices()[0]), "symmetry": "" if symmetry is None else symmetry.kept},
-        saves=scene_file.saves + 1,
+        times=saved_times(scene_file),
         vesicles=M,
         nodes=N,
         datasets={name: _description(name) for name in row},
@@ -197,7 +199,7 @@ def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> 
 def _continued(scene_file: SceneFile, path: Path) -> _Begun:
     """At the last row of the file. Nodes are not sought and vesicles not relaxed again: the file has the start."""
     deformation = store.load(path).diagnostics.get("deformation_along_field", ())
-    writer, leaves = store.resume(path)
+    writer, leaves = store.resume(path, to_toml(scene_file), saved_times(scene_file))
     start = leaves.pop(_START)
     scene = eqx.tree_at(lambda s: s.x, build(scene_file), jnp.asarray(start))
     problem = strengthened(problem_of(Case(scene_file), scene))
@@ -219,7 +221,7 @@ def _marched(scene_file: SceneFile, begun: _Begun, progress: Progress) -> int:
 
     found = code()
     try:
-        for t_save in _times(scene_file)[rows.writer.saved :]:
+        for t_save in saved_times(scene_file)[rows.writer.saved :]:
             if found != status.RUNNING:
                 break
             state, row = resolution.stepped(state, t_save)
@@ -231,10 +233,6 @@ def _marched(scene_file: SceneFile, begun: _Begun, progress: Progress) -> int:
     return status.COMPLETE if found == status.RUNNING else found
 
 
-def _times(scene_file: SceneFile) -> np.ndarray:
-    return scene_file.t_end * np.arange(scene_file.saves + 1) / scene_file.saves
-
-
 def _error(scene_file: SceneFile, begun: _Begun, progress: Progress) -> float | None:
     """The estimated error of the whole run; None where it is not wanted, NaN where it was interrupted."""
     if scene_file.numerics.certify is False:
@@ -243,7 +241,7 @@ def _error(scene_file: SceneFile, begun: _Begun, progress: Progress) -> float | 
     if writer.saved < 2:  # ended at its start: nothing to compare
         return None
     try:
-        return estimated_error(begun.resolution, writer.row, _times(scene_file)[: writer.saved], progress)
+        return estimated_error(begun.resolution, writer.row, saved_times(scene_file)[: writer.saved], progress)
     except KeyboardInterrupt:  # the run itself is complete
         return np.nan
 

@@ -7,8 +7,11 @@ The file is changed in two ways only, and a process killed at any moment leaves 
 - *Values* go into space allocated beforehand, so that no index of the file is touched. Rows and restart state are
   flushed first; then one number, the root attribute `saved`, says that they count.
 
-The restart state has two slots, `/restart/a` and `/restart/b`, written in turn; each tells how many rows it belongs
-to, and the valid one is the one which agrees with the root's `saved`. Rows and state thus never part.
+The restart state has two slots, written in turn; each tells how many rows it belongs to, and the valid one is the one
+which agrees with the root's `saved` (`restart`). Rows and state thus never part.
+
+`/t` holds all saved times from the start, also those whose rows are still to come and hold NaN, so that a file can be
+opened and selected from by time while it is written.
 Blocks are flushed to the operating system, not to the disk: they survive the process, not surely a power cut.
 """
 
@@ -22,27 +25,24 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from . import certificate, status
+from . import certificate, restart
 from .hdf5 import (
     Description,
     OpenFile,
     StoreError,
     create_average,
     create_datasets,
-    create_slot,
-    datasets_below,
     delete_averages,
     histories,
+    link_times,
     named_errors,
     replacing,
-    slots,
 )
 from .ownership import check_in_place
 
-__all__ = ["HISTORY", "Description", "Record", "StoreError", "Writer", "is_done", "load", "resume"]
+__all__ = ["HISTORY", "Description", "Record", "StoreError", "Writer", "load", "resume"]
 
-SCHEMA_VERSION = 1
-_TO_BE_CONTINUED = tuple(status.WORDS[code] for code in (status.RUNNING, status.INTERRUPTED, status.TOO_MANY_STEPS))
+SCHEMA_VERSION = 2
 
 HISTORY = {
     "t": Description("t_kappa", "time", ("t",)),
@@ -82,7 +82,7 @@ class Writer(OpenFile):
         path: the file; complete from the start, with rows of NaN, and `status` "running".
         scene_text: the scene as TOML, complete with defaults.
         attributes: further root attributes.
-        saves: number of saved times, t = 0 included.
+        times: the saved times (T,) if the run reaches its end, t = 0 included.
         vesicles: M.
         nodes: N.
         datasets: what is saved, by its path in the file; "t" must be among them, most others are in `HISTORY`.
@@ -98,7 +98,7 @@ class Writer(OpenFile):
         *,
         scene_text: str,
         attributes: dict,
-        saves: int,
+        times: np.ndarray,
         vesicles: int,
         nodes: int,
         datasets: dict[str, Description],
@@ -107,14 +107,14 @@ class Writer(OpenFile):
         path = Path(path)
         if path.exists() and not force:
             raise StoreError(f"{path} exists already: use --force to replace it.")
-        sizes = {"t": saves, "vesicle": vesicles, "node": nodes, "xy": 2, "ab": 2}
+        sizes = {"t": len(times), "vesicle": vesicles, "node": nodes, "xy": 2, "ab": 2}
         root = {
             "schema_version": SCHEMA_VERSION,
             "scene": scene_text,
             "status": "running",
             "advice": "",
             "saved": 0,
-            "saves": saves,
+            "saves": len(times),
             "wall_time": 0.0,
             "version": version("jaxves"),
             **{f"{package}_version": version(package) for package in ("jax", "jaxlib", "numpy")},
@@ -123,8 +123,9 @@ class Writer(OpenFile):
         with named_errors("write", path), replacing(path) as file:
             file.attrs.update(attributes | root)
             create_datasets(file, datasets, sizes)
-            for slot in ("restart/a", "restart/b"):
-                create_slot(file, slot, {})
+            file["t"][...] = times
+            for slot in restart.SLOTS:
+                restart.create_slot(file, slot, restart.packed({}))
         self._open(path)
 
     def _open(self, path: Path) -> None:
@@ -133,33 +134,31 @@ class Writer(OpenFile):
             self._file = h5py.File(path, "r+")
         self.saved = int(self._file.attrs["saved"])
         self._rows = histories(self._file)
-        self._valid, self._free = slots(self._file)
+        self._valid, self._free = restart.slots(self._file)
 
-    def append(self, block: dict[str, np.ndarray], restart: dict[str, np.ndarray]) -> None:
+    def append(self, block: dict[str, np.ndarray], leaves: dict[str, np.ndarray]) -> None:
         """Adds saved times and the state to continue from, both or neither; done when this returns.
 
         Args:
             block: all datasets, each with the new saved times as its first axis.
-            restart: the leaves of the state after the last of these times; {} if nobody will continue.
+            leaves: the arrays of the state after the last of these times; {} if nobody will continue.
 
         Raises:
             ValueError: names or shapes are not those of the file.
             StoreError: the file cannot be written.
             LostFile: it was removed or replaced; a copy holds all that was added.
         """
-        saved = self.saved + self._checked_count(block)
+        saved, state = self.saved + self._checked_count(block), restart.packed(leaves)
         with named_errors("write", self.path):
-            wanted = {name: (leaf.shape, leaf.dtype) for name, leaf in restart.items()}
-            if wanted != {name: (leaf.shape, leaf.dtype) for name, leaf in datasets_below(self._free).items()}:
+            if restart.room(self._free) != len(state):
                 stale = [slot.name for slot in ((self._free,) if self.saved else (self._free, self._valid))]
                 with self._rebuilding() as file:
                     for name in stale:
-                        del file[name]
-                        create_slot(file, name, restart)
+                        restart.create_slot(file, name, state)
             for name, dataset in self._rows.items():
                 dataset[self.saved : saved] = block[name]
-            for name, leaf in restart.items():
-                self._free[name][...] = leaf
+            if leaves:
+                self._free["state"][...] = state
             self._free.attrs.modify("saved", saved)
             self._file.flush()
             self._file.attrs.modify("saved", saved)
@@ -242,23 +241,15 @@ def _certify(file: h5py.File, links: dict[str, certificate.Link]) -> None:
     group.attrs.update(weakest=weak, digits=links[weak].digits)
 
 
-def is_done(path: str | os.PathLike, scene_text: str) -> bool:
-    """Whether the run of this scene has nothing left to do.
+def resume(path: str | os.PathLike, scene_text: str, times: np.ndarray) -> tuple[Writer, dict[str, np.ndarray]]:
+    """A writer which goes on after the last saved row, and the arrays of the state to continue from, by name.
 
-    Raises:
-        StoreError: not a result file, one of another scene, or of a run that would break down again.
-    """
-    record = load(path)
-    if record.scene != scene_text:
-        raise StoreError(f"{path} holds another scene: it can be resumed only with its own.")
-    if record.status in (*status.SUCCESS, *_TO_BE_CONTINUED):
-        return record.status in status.SUCCESS
-    advice = record.attributes["advice"]
-    raise StoreError(f"{path} ended with the status {record.status!r}, as its continuation would. {advice}")
+    A file of schema version 1 is brought to the present one.
 
-
-def resume(path: str | os.PathLike) -> tuple[Writer, dict[str, np.ndarray]]:
-    """A writer which goes on after the last saved row, and the leaves of the state to continue from.
+    Args:
+        path: the file.
+        scene_text: as in `Writer`; the file's own, or one that asks for more saved times.
+        times: all saved times (T,) if the run reaches its end, those that the file has already first.
 
     Raises:
         StoreError: not a result file, one without a state, or one which is being written.
@@ -267,21 +258,33 @@ def resume(path: str | os.PathLike) -> tuple[Writer, dict[str, np.ndarray]]:
     with named_errors("resume", path):
         # Opened for writing although only read: the lock tells a run which is still alive.
         with _open_result(path, "r+") as file:
-            valid, _ = slots(file)
-            leaves = {name: np.asarray(leaf[()]) for name, leaf in datasets_below(valid).items()}
+            valid, _ = restart.slots(file)
+            leaves = restart.leaves_in(valid)
         if not leaves:
             raise StoreError(f"{path} holds no state to resume from.")
         with replacing(path, copy=True) as file:
-            for dataset in histories(file).values():
-                dataset.resize(file.attrs["saves"], axis=0)
-            if "averages" in file:
-                delete_averages(file)
-            if "certificate" in file:
-                del file["certificate"]
-            file.attrs.update(status="running", advice="")
+            _reopen(file, scene_text, times)
     writer = Writer.__new__(Writer)
     writer._open(path)
     return writer, leaves
+
+
+def _reopen(file: h5py.File, scene_text: str, times: np.ndarray) -> None:
+    """Makes room for the rows still to come, and takes out what only a run that has ended can say."""
+    if file.attrs["schema_version"] == 1:
+        restart.convert(file)
+        link_times(file)
+    for dataset in histories(file).values():
+        dataset.resize(len(times), axis=0)
+    saved = file.attrs["saved"]
+    file["t"][saved:] = times[saved:]
+    if "averages" in file:
+        delete_averages(file)
+    if "certificate" in file:
+        del file["certificate"]
+    if "error" in file.attrs:
+        del file.attrs["error"]
+    file.attrs.update(schema_version=SCHEMA_VERSION, scene=scene_text, saves=len(times), status="running", advice="")
 
 
 def load(path: str | os.PathLike) -> Record:

@@ -14,6 +14,8 @@ import xarray
 
 from jaxves.store import HISTORY, Description, StoreError, Writer, load, resume
 
+SCENE = 'β = 1\n"x" = 2'
+TIMES = np.linspace(0.0, 1.0, 6)
 SIZES = {"t": 6, "vesicle": 2, "node": 8, "xy": 2, "ab": 2}
 DATASETS = HISTORY | {
     "diagnostics/area": Description("a^2", "area", ("t", "vesicle")),
@@ -50,9 +52,7 @@ def rows(history, start, stop):
 
 def new(path, **options):
     datasets = options.pop("datasets", DATASETS)
-    return Writer(
-        path, scene_text='β = 1\n"x" = 2', attributes={}, saves=6, vesicles=2, nodes=8, datasets=datasets, **options
-    )
+    return Writer(path, scene_text=SCENE, attributes={}, times=TIMES, vesicles=2, nodes=8, datasets=datasets, **options)
 
 
 def assert_holds(record, history):
@@ -82,7 +82,7 @@ def test_what_was_written_is_read(tmp_path, history):
     assert (record.status, record.scene) == ("complete", 'β = 1\n"x" = 2')
     assert record.attributes["advice"] == "nothing to do"
     assert record.attributes["wall_time"] == 12.5
-    assert record.attributes["schema_version"] == 1
+    assert record.attributes["schema_version"] == 2
     assert {"version", "jax_version", "jaxlib_version", "numpy_version", "platform"} <= record.attributes.keys()
     assert_same_leaves(record.averages, AVERAGES)
     assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]
@@ -125,7 +125,7 @@ def test_a_resumed_run_goes_on_where_rows_and_state_agree(tmp_path, history, fin
         writer.append(rows(history, 2, 4), STATES[3])
         if finished:
             writer.finish("interrupted", "resume", 1.0, AVERAGES)
-    writer, leaves = resume(tmp_path / "run.h5")
+    writer, leaves = resume(tmp_path / "run.h5", SCENE, TIMES)
     assert_same_leaves(leaves, STATES[3])
     with writer:
         record_while_running = writer.saved
@@ -144,7 +144,7 @@ def test_a_state_may_change_its_shapes(tmp_path, history):
     with new(tmp_path / "run.h5") as writer:
         writer.append(rows(history, 0, 4), STATES[3])
         writer.append(rows(history, 4, 5), finer)
-    writer, leaves = resume(tmp_path / "run.h5")
+    writer, leaves = resume(tmp_path / "run.h5", SCENE, TIMES)
     writer.close()
     assert_same_leaves(leaves, finer)
     assert_holds(load(tmp_path / "run.h5"), rows(history, 0, 5))
@@ -157,7 +157,7 @@ def test_a_row_without_its_commit_does_not_count(tmp_path, history):
             writer.append(rows(history, k, k + 1), STATES[k])
     with h5py.File(tmp_path / "run.h5", "r+") as file:
         file.attrs.modify("saved", 3)
-    writer, leaves = resume(tmp_path / "run.h5")
+    writer, leaves = resume(tmp_path / "run.h5", SCENE, TIMES)
     with writer:
         assert writer.saved == 3
         assert_same_leaves(leaves, STATES[2])
@@ -218,11 +218,11 @@ def test_other_files_are_refused_in_one_line(tmp_path):
     assert complaint(tmp_path / "other.h5").endswith("other.h5 is not a jaxves result file.")
     new(tmp_path / "later.h5").close()
     with h5py.File(tmp_path / "later.h5", "r+") as file:
-        file.attrs["schema_version"] = 2
-    assert "later.h5 has schema version 2" in complaint(tmp_path / "later.h5")
+        file.attrs["schema_version"] = 3
+    assert "later.h5 has schema version 3" in complaint(tmp_path / "later.h5")
     with pytest.raises(StoreError, match="holds no state"):
         new(tmp_path / "empty.h5").close()
-        resume(tmp_path / "empty.h5")
+        resume(tmp_path / "empty.h5", SCENE, TIMES)
     with pytest.raises(StoreError, match="cannot write"):
         new(tmp_path / "no such folder" / "run.h5")
 
@@ -242,11 +242,11 @@ def test_xarray_sees_names_and_coordinates(tmp_path, history, finished):
         assert data.attrs["scene"] == 'β = 1\n"x" = 2'
         assert all({"units", "long_name"} <= data[name].attrs.keys() for name in data.variables)
     with xarray.open_dataset(tmp_path / "run.h5", group="diagnostics", engine="h5netcdf") as data:
-        for name in data.variables:
+        for name in data.data_vars:
             assert data[name].dims == DATASETS[f"diagnostics/{name}"].dims
             assert data[name].attrs["long_name"] == DATASETS[f"diagnostics/{name}"].long_name
             np.testing.assert_array_equal(data[name], history[f"diagnostics/{name}"])
-        assert len(data.variables) == 4
+        assert "t" in data.coords and len(data.variables) == 5
     if finished:
         with xarray.open_dataset(tmp_path / "run.h5", group="averages", engine="h5netcdf") as data:
             assert (data.area.dims, data.stress.dims) == (("vesicle",), ("xy", "ab"))
@@ -260,7 +260,7 @@ from jaxves.store import HISTORY, Description, Writer
 assert "jax" not in sys.modules
 saves, M, N = 20_000, 2, 64
 sizes = {"t": saves, "vesicle": M, "node": N, "xy": 2}
-with Writer(sys.argv[1], scene_text="", attributes={}, saves=saves, vesicles=M, nodes=N, datasets=HISTORY) as writer:
+with Writer(sys.argv[1], scene_text="", attributes={}, times=np.arange(saves), vesicles=M, nodes=N, datasets=HISTORY) as writer:
     for k in range(0, saves, 2):
         block = {name: np.stack([np.full([sizes[d] for d in dims[1:]], k + i, dtype) for i in (0, 1)])
                  for name, (_, _, dims, dtype) in HISTORY.items()}
@@ -295,7 +295,7 @@ def test_a_killed_run_leaves_every_acknowledged_row(tmp_path, endless_run, seed)
             found = file[name][:saved]
             expected = np.arange(saved).reshape([-1] + [1] * (found.ndim - 1))
             np.testing.assert_array_equal(found, np.broadcast_to(expected, found.shape))
-    writer, leaves = resume(tmp_path / "run.h5")
+    writer, leaves = resume(tmp_path / "run.h5", SCENE, TIMES)
     writer.close()
     assert leaves["steps"] == saved
     np.testing.assert_array_equal(leaves["x"], np.full((4, 2, 64, 2), saved))
@@ -307,7 +307,7 @@ def test_a_run_can_be_read_but_not_resumed_while_it_is_going_on(tmp_path, endles
     assert len(record.t) >= saved
     np.testing.assert_array_equal(record.x[:, 1, 2, 0], np.arange(len(record.t)))
     with pytest.raises(StoreError, match=r"cannot resume .*run\.h5"):
-        resume(tmp_path / "run.h5")
+        resume(tmp_path / "run.h5", SCENE, TIMES)
 
 
 FULL_DISK = """
@@ -320,12 +320,12 @@ path = sys.argv[1]
 options = {"scene_text": "", "attributes": {}, "vesicles": 1, "nodes": 1, "datasets": HISTORY}
 old = {name: np.zeros((1, *[1] * (len(d.dims) - 1)), d.dtype) for name, d in HISTORY.items()}
 old["x"] = np.zeros((1, 1, 1, 2))
-with Writer(path, saves=2, **options) as writer:
+with Writer(path, times=np.arange(2), **options) as writer:
     writer.append(old, {})
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
     for attempt in (
         lambda: writer.append(old, {"x": np.zeros(10**5)}),
-        lambda: Writer(path, saves=10**4, force=True, **options),
+        lambda: Writer(path, times=np.arange(10**4), force=True, **options),
     ):
         try:
             attempt()
