@@ -260,7 +260,8 @@ from jaxves.store import HISTORY, Description, Writer
 assert "jax" not in sys.modules
 saves, M, N = 20_000, 2, 64
 sizes = {"t": saves, "vesicle": M, "node": N, "xy": 2}
-with Writer(sys.argv[1], scene_text="", attributes={}, times=np.arange(saves), vesicles=M, nodes=N, datasets=HISTORY) as writer:
+options = {"scene_text": "", "attributes": {}, "vesicles": M, "nodes": N, "datasets": HISTORY}
+with Writer(sys.argv[1], times=np.arange(saves), **options) as writer:
     for k in range(0, saves, 2):
         block = {name: np.stack([np.full([sizes[d] for d in dims[1:]], k + i, dtype) for i in (0, 1)])
                  for name, (_, _, dims, dtype) in HISTORY.items()}
