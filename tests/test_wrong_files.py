@@ -50,6 +50,6 @@ def test_a_wrong_outline_is_refused_in_one_line(name, tmp_path):
     text, said = wrong_files.OUTLINES[name]
     (tmp_path / "outline.csv").write_text(text, encoding="utf-8")
     path = tmp_path / "scene.toml"
-    path.write_text('t_end = 1.0\n[[vesicle]]\nshape = "points"\nfile = "outline.csv"\n', encoding="utf-8")
+    path.write_text(wrong_files.SCENE_OF_OUTLINE, encoding="utf-8")
     message = complaint(scenefile.load, path)
     assert "vesicle[0].file" in message and re.search(said, message), message

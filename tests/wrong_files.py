@@ -214,6 +214,9 @@ OUTLINES = {
 }  # fmt: skip
 
 
+SCENE_OF_OUTLINE = 't_end = 1.0\n[[vesicle]]\nshape = "points"\nfile = "outline.csv"\n'
+
+
 def scene_text(name: str) -> str:
     """The whole text of a wrong scene."""
     text = OF_VESICLE[name][0] if name in OF_VESICLE else OF_SCENE[name][0]
