@@ -41,9 +41,9 @@ def distance(record, result):
     return max(float(jnp.max(jnp.abs(fourier.resample(jnp.asarray(a), N, axis=2) - b))) for a, b in pairs)
 
 
-@pytest.mark.parametrize("nodes", [32, 48, 64])
+@pytest.mark.parametrize("nodes", [40, 48, 64])
 def test_the_error_of_a_run_covers_its_nodes(nodes, finer, tmp_path):
-    """The nodes, not the steps, limit these runs. What they state is at least a tenth and at most a hundred times true."""
+    """The nodes, not the steps, limit these runs: what they state is at least a tenth of the truth."""
     word = runner.run(scene_file(nodes), tmp_path / "run.h5")
     record = store.load(tmp_path / "run.h5")
     true = distance(record, finer)
@@ -54,7 +54,7 @@ def test_the_error_of_a_run_covers_its_nodes(nodes, finer, tmp_path):
 def test_a_result_without_a_correct_digit_is_inaccurate_and_kept(tmp_path, capsys):
     """Exit status 3, advice, and all rows in the file; so in a Python result and in a case of a sweep."""
     path = tmp_path / "scene.toml"
-    path.write_text(to_toml(scene_file(32)), encoding="utf-8")
+    path.write_text(to_toml(scene_file(40)), encoding="utf-8")
     assert answer(["run", str(path), "--out", str(tmp_path / "run.h5")]) == 3
     said = capsys.readouterr().out
     assert "inaccurate" in said and "more nodes" in said
@@ -63,7 +63,7 @@ def test_a_result_without_a_correct_digit_is_inaccurate_and_kept(tmp_path, capsy
     with h5py.File(tmp_path / "run.h5") as file:
         assert float(file["certificate"].attrs["digits"]) < certificate.LEAST_DIGITS
 
-    case = Case.of(scene_file(32), RUN)
+    case = Case.of(scene_file(40), RUN)
     result = simulate(case.scene({}), 0.02, saves=4)
     assert result.word == "inaccurate" and result.digits < 1 and bool(jnp.all(jnp.isfinite(result.x)))
     found = outcome(case, (), case.march(), case.scene({}))
