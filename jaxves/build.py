@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from . import curve, flow, history, outlines, shapes
 from .arrays import NodePoints, ScalarLike, as_float
 from .electric import Field
-from .scene import Scene
+from .scene import Scene, make_scene
 from .scenetables import (
     ExtensionFlow,
     FieldTable,
@@ -36,11 +36,11 @@ def build(scene_file: SceneFile) -> Scene:
     """The scene as the file describes it; vesicles to be relaxed first are not relaxed yet."""
     N = _NODES if scene_file.numerics.nodes == "auto" else scene_file.numerics.nodes
     vesicles = scene_file.vesicles(jnp)
-    return Scene(
-        jnp.stack([_nodes(vesicle, N) for vesicle in vesicles]),
-        jnp.stack([as_float(vesicle.bending) for vesicle in vesicles]),
-        _field(scene_file.field, vesicles),
-        _flow(scene_file.flow),
+    return make_scene(
+        [_nodes(vesicle, N) for vesicle in vesicles],
+        bending=jnp.stack([as_float(vesicle.bending) for vesicle in vesicles]),
+        field=_field(scene_file.field, vesicles),
+        flow=_flow(scene_file.flow),
     )
 
 

@@ -70,7 +70,7 @@ class Scene(Bounded):
 
     def is_valid(self) -> Bool[Array, ""]:
         """Whether numbers are in bounds and curves can be started from; may be traced. Runs see contact themselves."""
-        valid = jnp.all(~starts.is_clockwise(self.x)) & jnp.all(~starts.is_uneven(self.x)) & self.is_within_bounds()
+        valid = starts.are_startable(self.x) & self.is_within_bounds()
         parts = (self.field, self.flow, None if self.field is None else self.field.history)
         for part in parts:
             if part is not None:

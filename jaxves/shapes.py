@@ -151,6 +151,8 @@ def _ellipse_of_excess(N: int, excess: ScalarLike, angle: ScalarLike, length: Sc
 def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
     """x moved along its normal by amplitude · (sin 2α + cos 3α + sin 3α): enough to end any symmetry of an ellipse.
 
+    Nodes also move along the curve, so that their spacing stays even to the square of the amplitude.
+
     A vesicle that starts symmetric is kept so (`symmetry`): take 1e-6, say, to see what else is unstable. Area and
     perimeter change by the square of the amplitude.
 
@@ -162,7 +164,11 @@ def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
     require("amplitude", amplitude, FINITE)
     alpha = fourier.grid(x.shape[0])
     wave = jnp.sin(2 * alpha) + jnp.cos(3 * alpha) + jnp.sin(3 * alpha)
-    return x + as_float(amplitude) * wave[:, None] * curve.Curve.from_nodes(x).normal
+    outline = curve.Curve.from_nodes(x)
+    # Along the normal the curve is stretched by κ times the wave: the nodes make up for it along the tangent.
+    stretch = outline.curvature * outline.speed * wave
+    along = -fourier.antiderivative(stretch - jnp.mean(stretch))
+    return x + as_float(amplitude) * (wave[:, None] * outline.normal + along[:, None] * outline.tangent)
 
 
 def through_points(points: Float[np.ndarray, "K 2"], N: int, *, length: float = 1.0) -> NodePoints:

