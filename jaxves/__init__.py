@@ -128,6 +128,7 @@ _LAYERS = {
     "conversion": (),
     "summary": (),
     "sweepsummary": (),
+    "interrupts": (),
     "longwork": (),
     "pictures": (),
     "cli": (),

@@ -10,12 +10,13 @@ def main(arguments: list[str] | None = None) -> None:
     # Small LAPACK calls are slower on two threads than on one; must be set before NumPy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Until a run has begun there is nothing to keep, and half imported extensions may crash when they are left.
-    signal.signal(signal.SIGINT, lambda signum, frame: os._exit(130))
+    for signum in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signum, lambda signum, frame: os._exit(128 + signum))
     from .cli import answer
-    from .console import INTERRUPTED
+    from .console import INTERRUPTED, TERMINATED
 
     status = answer(sys.argv[1:] if arguments is None else arguments)
-    if status == INTERRUPTED:
+    if status in (INTERRUPTED, TERMINATED):
         # Compiled code may still be running, which an orderly end of Python would crash.
         sys.stdout.flush()
         sys.stderr.flush()

@@ -9,7 +9,18 @@ from typing import Annotated
 
 import typer
 
-from . import __version__, console, continuation, longwork, pictures, status, store, sweepfile, sweepstore, sweepsummary
+from . import (
+    __version__,
+    console,
+    continuation,
+    interrupts,
+    longwork,
+    pictures,
+    store,
+    sweepfile,
+    sweepstore,
+    sweepsummary,
+)
 from .pictures import Picture
 from .scenefile import SceneError, builtin_names, load
 from .store import Record, StoreError
@@ -25,6 +36,14 @@ app = typer.Typer(
 _UsageError = typer.BadParameter.__base__  # typer has it in different places
 
 Force = Annotated[bool, typer.Option("--force", help="Replace what is there already.")]
+MaxTime = Annotated[
+    str | None,
+    typer.Option(
+        "--max-time",
+        help="Stop in time to be done by then, as Ctrl-C does: seconds, 90m, 1.5h, 1:30:00, 2-12:00:00. A tenth of it, "
+        "at most a minute, is left for the end. Exit status 130.",
+    ),
+]
 
 
 def answer(arguments: list[str]) -> int:
@@ -57,8 +76,10 @@ def run(
     out: Annotated[Path, typer.Option("--out", "-o", help="The result file (HDF5).")],
     force: Force = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where the result file ends.")] = False,
+    max_time: MaxTime = None,
 ) -> None:
     """Simulate a scene."""
+    limit = _limit(max_time)
     try:
         scene_file = load(scene)
         if force and resume:
@@ -71,12 +92,9 @@ def run(
     if not resume:
         console.refuse_existing([out], force, "use --force to replace it or --resume to continue it")
 
-    word = longwork.simulate(scene_file, out, force, resume)
+    code = longwork.simulate(scene_file, out, limit, force=force, resume=resume)
     _summarise(store.load(out), out)
-    if word == status.WORDS[status.INTERRUPTED]:
-        raise typer.Exit(console.INTERRUPTED)
-    if word not in status.SUCCESS:
-        raise typer.Exit(console.BROKE_DOWN)
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -92,8 +110,10 @@ def sweep(
     coordinator: Annotated[str | None, typer.Option("--coordinator", help="HOST:PORT of process 0.")] = None,
     processes: Annotated[int | None, typer.Option("--processes", min=1, help="How many there are.")] = None,
     process: Annotated[int | None, typer.Option("--process", min=0, help="Which one this is, from 0.")] = None,
+    max_time: MaxTime = None,
 ) -> None:
     """Compute many cases of one scene."""
+    limit = _limit(max_time)
     by_hand = (coordinator, processes, process)
     if any(part is not None for part in by_hand) and None in by_hand:
         raise console.refused("--coordinator, --processes and --process belong together: give all of them.")
@@ -109,9 +129,17 @@ def sweep(
         import jax
 
         jax.distributed.initialize(coordinator, processes, process)
-    record = longwork.sweep(file, out, force=force, resume=resume, devices=devices, batch=batch, method=method)
+    record = longwork.sweep(file, out, limit, force=force, resume=resume, devices=devices, batch=batch, method=method)
     if record is not None:
         _summarise(record, out)
+
+
+def _limit(max_time: str | None) -> float | None:
+    """The seconds of --max-time."""
+    try:
+        return None if max_time is None else interrupts.seconds(max_time)
+    except ValueError:
+        raise console.refused(f"--max-time = {max_time}, expected {interrupts.WANTED}.") from None
 
 
 def _summarise(record: Record | SweepRecord, path: Path) -> None:

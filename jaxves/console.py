@@ -1,6 +1,6 @@
 """What all commands say, and how they end.
 
-Exit status: 0 done, 2 bad input, 3 broke down, 130 interrupted.
+Exit status: 0 done, 2 bad input, 3 broke down, 130 interrupted by Ctrl-C or --max-time, 143 by SIGTERM.
 """
 
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-BAD_INPUT, BROKE_DOWN, INTERRUPTED = 2, 3, 130
+BAD_INPUT, BROKE_DOWN, INTERRUPTED, TERMINATED = 2, 3, 130, 143
 
 out = Console(highlight=False, soft_wrap=True)
 err = Console(stderr=True, highlight=False, soft_wrap=True)

@@ -1,10 +1,9 @@
-"""Runs and sweeps from the command line: their progress, Ctrl-C, compiled programs that are kept, all cores in use.
+"""Runs and sweeps from the command line: their progress, exit status, compiled programs that are kept, all cores.
 
 Modules that import JAX are imported only in here, once the input has been checked.
 """
 
 import os
-import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +12,7 @@ from pathlib import Path
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from . import sweepstore
+from . import interrupts, status, sweepstore
 from .console import BROKE_DOWN, err, out, refused, say
 from .ownership import LostFile
 from .scenefile import SceneError, SceneFile
@@ -21,8 +20,8 @@ from .store import StoreError
 from .sweepstore import SweepRecord
 
 
-def simulate(scene_file: SceneFile, file: Path, force: bool, resume: bool) -> str:
-    """Runs a scene into the result file; returns the word it ended with."""
+def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> int:
+    """Runs a scene into the result file, for at most `limit` seconds; returns the exit status."""
     columns = (
         TextColumn("t = {task.completed:.3g} / {task.total:.3g}"),
         BarColumn(),
@@ -30,28 +29,33 @@ def simulate(scene_file: SceneFile, file: Path, force: bool, resume: bool) -> st
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=err, transient=True) as bar, _heard_interrupts() as pressed:
+    with Progress(*columns, console=err, transient=True) as bar, _interrupted(limit) as found:
         task = bar.add_task("starting", total=scene_file.t_end)
 
         def show(t: float, text: str) -> None:
-            if pressed:
-                raise KeyboardInterrupt
+            found.check()
             bar.update(task, completed=t, description=text)
 
         keep_compiled()
         from . import runner
 
         try:
-            return runner.run(scene_file, file, force=force, resume=resume, progress=show)
+            word = runner.run(scene_file, file, progress=show, **how)
         except (runner.Broken, LostFile) as error:
             say(error)
             raise typer.Exit(BROKE_DOWN) from None
         except StoreError as error:
             raise refused(error) from None
+        if word == status.WORDS[status.INTERRUPTED]:
+            return _told(found)
+    return 0 if word in status.SUCCESS else BROKE_DOWN
 
 
-def sweep(file: Path, results: Path, **how) -> SweepRecord | None:
-    """Computes a sweep file into the file of results; returns the record, on the first of several processes."""
+def sweep(file: Path, results: Path, limit: float | None, **how) -> SweepRecord | None:
+    """Computes a sweep file into the file of results, for at most `limit` seconds.
+
+    Returns the record, on the first of several processes.
+    """
     from . import sweeping, team
 
     columns = (
@@ -62,13 +66,12 @@ def sweep(file: Path, results: Path, **how) -> SweepRecord | None:
         TimeRemainingColumn(),
     )
     bars = Progress(*columns, console=err, transient=True, disable=not team.is_first(), speed_estimate_period=600)
-    with bars as bar, _heard_interrupts() as pressed:
+    with bars as bar, _interrupted(limit) as found:
         task = bar.add_task("compiling", total=None, rate="")
         there = []
 
         def show(done: int, total: int, text: str) -> None:
-            if pressed:
-                raise KeyboardInterrupt
+            found.check()
             if text != "compiling":
                 there.append((time.monotonic(), done))
             (began, first), (now, _) = (there[0], there[-1]) if there else ((0, 0), (0, 0))
@@ -99,24 +102,20 @@ def use_all_cores(devices: int | None) -> None:
 
 
 @contextmanager
-def _heard_interrupts() -> Iterator[list]:
-    """Ctrl-C is remembered, for whoever shows progress, and raised at once where only code of this package runs.
+def _interrupted(limit: float | None) -> Iterator[interrupts.Interrupts]:
+    """As `interrupts.heard`; work that cannot keep anything, or has said what it kept, ends with its exit status."""
+    with interrupts.heard(limit) as found:
+        try:
+            yield found
+        except KeyboardInterrupt:
+            raise typer.Exit(_told(found)) from None
 
-    Raised inside a callback of JAX it would be dropped, or crash what does not expect it.
-    """
-    pressed = []
-    here = os.path.dirname(__file__)
 
-    def hear(signum, frame):
-        pressed.append(signum)
-        if frame is not None and os.path.dirname(frame.f_code.co_filename) == here:
-            raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, hear)
-    try:
-        yield pressed
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _told(found: interrupts.Interrupts) -> int:
+    """Says if it was the limit of time that interrupted the work; returns the exit status."""
+    if found.time_is_up:
+        say("interrupted to be done before the limit of --max-time.")
+    return found.exit_status
 
 
 def keep_compiled() -> None:

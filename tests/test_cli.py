@@ -375,17 +375,27 @@ def test_runs_killed_and_interrupted_leave_whole_files_and_a_resumed_one_has_the
     assert code == 130 and "interrupted at t = " in out and "Traceback" not in err
     assert record.status == "interrupted" and 60 <= len(record.t) < 3001
 
+    process = start("run", scene, "--out", stopped, "--resume")
+    wait_for(process, stopped, len(record.t) + 60)
+    for _ in range(2):
+        process.send_signal(signal.SIGTERM)
+    code, out, err = finished(process)
+    terminated = store.load(stopped)
+    assert code == 143 and "interrupted at t = " in out and "Traceback" not in err
+    assert terminated.status == "interrupted" and len(record.t) + 60 <= len(terminated.t) < 3001
+
     code, out, err = finished(start("run", scene, "--out", killed, "--resume"))
     assert code == 0, err
     assert stored(killed) == stored(whole)
     assert store.load(killed).status == "complete"
 
 
-def test_an_interrupt_before_anything_is_computed_leaves_no_file(start, tmp_path):
+@pytest.mark.parametrize(("signum", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_before_anything_is_computed_leaves_no_file(start, tmp_path, signum, expected):
     out = tmp_path / "out.h5"
     process = start("run", "pop", "--out", out)
     time.sleep(1.5)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(signum)
     code, _, err = finished(process)
-    assert code == 130 and "Traceback" not in err
+    assert code == expected and "Traceback" not in err
     assert not out.exists() or len(store.load(out).t) > 0
