@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
-from jaxves import diagnostics, fourier, plot
+from jaxves import diagnostics, extremes, fourier, plot
 from jaxves.curve import Curve
 from jaxves.equation import equation_for
 from jaxves.marching import Checks
@@ -34,7 +34,7 @@ def gap_rate(setting, x, V_m):
     equation = equation_for(setting)
     y = Unknowns(fourier.resample(x, N, axis=1), fourier.resample(V_m, N, axis=1))
     motion = equation.motion(jnp.zeros(()), y)
-    _, rate = jax.jvp(lambda x: diagnostics.gap(*(Curve.from_nodes(x) for x in x)), (y.x,), (motion.velocity,))
+    _, rate = jax.jvp(lambda x: extremes.gap(*(Curve.from_nodes(x) for x in x)), (y.x,), (motion.velocity,))
     return rate, diagnostics.diagnose(equation, jnp.zeros(()), y, motion)
 
 

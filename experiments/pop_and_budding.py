@@ -65,7 +65,7 @@ def _refined(x, tension, alpha):
 
 
 def narrowest_chord(x, tension):
-    """(width, mean tension at both ends, their mean place) of the chord that `diagnostics.self_gap` seeks.
+    """(width, mean tension at both ends, their mean place) of the chord that `extremes.self_gap` seeks.
 
     Where that takes the nearest nodes, which makes a flat minimum in time ragged, this goes on between them.
     """

@@ -71,6 +71,7 @@ _LAYERS = {
     "equation": ("equation_for",),
     # many steps, and what they say
     "steppers": ("ARK4", "ARK5", "SemiImplicitEuler"),
+    "extremes": (),
     "diagnostics": (),
     "stepping": ("Adaptive", "Fixed"),
     "replay": (),

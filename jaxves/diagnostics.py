@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from . import curve as geometry
-from . import fourier, membrane
+from . import extremes, fourier, membrane
 from .curve import Curve
 from .equation import Equation
 from .interactions import over_pairs
@@ -37,6 +37,7 @@ class Quantity(NamedTuple):
     dims: tuple[str, ...]
 
 
+_AT_REST = 1e-6  # of κ_B/L²: forces below this balance, whatever round-off says
 _EACH, _RUN = ("t", "vesicle"), ("t",)
 QUANTITIES = {
     "area": Quantity("a^2", "enclosed area", _EACH),
@@ -48,22 +49,23 @@ QUANTITIES = {
     "inclination_unwrapped": Quantity("rad", "angle of the major axis from x, followed in time", _EACH),
     "tank_treading_speed": Quantity("a/t_kappa", "mean tangential velocity, counter-clockwise, about its mean", _EACH),
     "bending_energy": Quantity("kappa_B/a", "½ ∮ κ_B κ² ds", _EACH),
-    "tension_min": Quantity("kappa_B/a^2", "least physical tension λ", _EACH),
-    "tension_max": Quantity("kappa_B/a^2", "greatest physical tension λ", _EACH),
+    "tension_min": Quantity("kappa_B/a^2", "least physical tension λ of the interpolant", _EACH),
+    "tension_max": Quantity("kappa_B/a^2", "greatest physical tension λ of the interpolant", _EACH),
+    "max_curvature": Quantity("1/a", "largest |curvature| of the interpolant", _EACH),
     "spectral_tail": Quantity("1", "top of the spectrum of x and V_m over its largest mode", _EACH),
     "tension_tail": Quantity("1", "top of the spectrum of the tension over its largest mode", _EACH),
-    "metric_error": Quantity("1", "largest relative deviation of the node spacing", _EACH),
+    "metric_error": Quantity("1", "largest relative deviation of the node spacing, at the nodes", _EACH),
     "force_residual": Quantity("1", "∮ f ds over ∮ |f| ds of bending and tension, zero but for discretisation", _EACH),
     "torque_residual": Quantity("1", "∮ x × f ds over ∮ |x| |f| ds about the centroid, likewise", _EACH),
-    "self_gap": Quantity("a", "narrowest chord between parts twice as far apart along the membrane", _EACH),
+    "self_gap": Quantity("a", "narrowest chord of the interpolant, of parts twice as far apart along it", _EACH),
     "neighbor_distance": Quantity("a", "distance of the centre to the nearest other, of more than two vesicles", _EACH),
     "dipole": Quantity("eps E_inf a^2", "∮ (q x - V_m n) ds about the centroid", (*_EACH, "xy")),
     "dipole_angle": Quantity("rad", "angle of the dipole from x, in (-π, π]", _EACH),
     "charge": Quantity("E_inf a", "∮ q ds", _EACH),
-    "max_V_m": Quantity("E_inf a", "largest |V_m|, which electroporation depends on", _EACH),
+    "max_V_m": Quantity("E_inf a", "largest |V_m| of the interpolant, which electroporation depends on", _EACH),
     "torque": Quantity("kappa_B/a", "electric torque about the centroid", _EACH),
     "traction_ratio": Quantity("1", "∮ |f_el·t| ds / ∮ |f_el·n| ds, zero without traction", _EACH),
-    "min_gap": Quantity("a", "least distance between two membranes", _RUN),
+    "min_gap": Quantity("a", "least distance between two membranes, of the interpolants", _RUN),
     "film_error": Quantity("1", "estimated relative error of the drainage of the thinnest film", _RUN),
     "separation": Quantity("a", "distance of the centres of two vesicles", _RUN),
     "line_angle": Quantity("rad", "angle from x of the line of two centres, second to first, in (-π, π]", _RUN),
@@ -90,19 +92,6 @@ def stress(motion: Motion) -> Array:
     centers = jax.vmap(geometry.centroid)(curves)
     arm = (curves.x - jnp.mean(centers, axis=0)) * curves.weights[..., None]
     return -jnp.einsum("mna,mnb->ab", motion.f_hd, arm) / jnp.sum(jax.vmap(geometry.area)(curves))
-
-
-def self_gap(curve: Curve) -> Array:
-    """The narrowest chord across a neck, a fold or the body; infinite for a nearly round curve.
-
-    Chords count where the membrane between their ends is at least twice as long.
-    """
-    x = fourier.resample(curve.x, 2 * curve.x.shape[0], axis=0)
-    K = x.shape[0]
-    chord = jnp.sqrt(jnp.sum((x[:, None] - x[None]) ** 2, axis=-1) + jnp.eye(K))
-    steps = jnp.abs(jnp.arange(K)[:, None] - jnp.arange(K)[None])
-    along = jnp.minimum(steps, K - steps) * (geometry.length(curve) / K)
-    return jnp.min(jnp.where(along >= 2 * chord, chord, jnp.inf))
 
 
 def _crossings(first: Curve, second: Curve) -> Array:
@@ -146,31 +135,6 @@ def collides(curves: Curve) -> Array:
     return jnp.any(over_pairs(of_pair, curves))
 
 
-def gap(first: Curve, second: Curve) -> Array:
-    """The least distance of two curves, to interpolation accuracy: Newton from the nearest nodes."""
-    r2 = jnp.sum((first.x[:, None] - second.x[None]) ** 2, axis=-1)
-    N = r2.shape[1]
-    near = jnp.stack(jnp.divmod(jnp.argmin(r2), N))
-    # Where the gap is least is stationary: its derivative is that of the distance there, whatever the parameters do.
-    modes = tuple(fourier.coefficients(curve.x) for curve in (first, second))
-    fixed = jax.lax.stop_gradient(modes)
-
-    def distance2(alpha, modes):
-        return jnp.sum((fourier.series(modes[0], alpha[:1]) - fourier.series(modes[1], alpha[1:])) ** 2)
-
-    def newton(alpha, _):
-        slope, curvature = jax.grad(distance2)(alpha, fixed), jax.hessian(distance2)(alpha, fixed)
-        a, b, d = curvature[0, 0], curvature[0, 1], curvature[1, 1]
-        step = jnp.stack([d * slope[0] - b * slope[1], a * slope[1] - b * slope[0]]) / (a * d - b * b)
-        spacing = 2 * jnp.pi / N
-        return alpha - jnp.clip(jnp.where(jnp.isfinite(step), step, 0.0), -spacing, spacing), None
-
-    alpha, _ = jax.lax.scan(newton, near * (2 * jnp.pi / N), length=5)
-    found = distance2(jax.lax.stop_gradient(alpha), modes)
-    nodes = jnp.min(r2)  # where Newton was led astray, the nodes know better
-    return jnp.sqrt(jnp.where(found < nodes, found, nodes))
-
-
 def _angle(vector: Array) -> Array:
     """From x, in (-π, π]; 0, with derivative 0, for no vector."""
     nothing = jnp.all(vector == 0)
@@ -178,7 +142,7 @@ def _angle(vector: Array) -> Array:
 
 
 def _of_many(curves: Curve, center: Array, tension_tail: Array) -> dict[str, Array]:
-    least = jnp.min(over_pairs(gap, curves))
+    least = jnp.min(over_pairs(extremes.gap, curves))
     out = {"min_gap": least, "film_error": jnp.max(tension_tail) / (2 * least) ** 2}
     if center.shape[0] == 2:
         line = center[0] - center[1]
@@ -212,7 +176,6 @@ def powers(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[st
 
 
 def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, speed) -> dict[str, Array]:
-    tension = membrane.physical_tension(curve, sigma, bending)
     cut = equation.filter
     return {
         "area": geometry.area(curve),
@@ -222,22 +185,22 @@ def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, spe
         "inclination": geometry.inclination(curve),
         "tank_treading_speed": tank_treading_speed(curve, velocity),
         "bending_energy": membrane.bending_energy(curve, bending),
-        "tension_min": jnp.min(tension),
-        "tension_max": jnp.max(tension),
         "spectral_tail": fourier.spectral_tail(x, cut.x),
         "tension_tail": fourier.spectral_tail(sigma, cut.surface),
         "metric_error": jnp.max(jnp.abs(curve.speed / speed - 1)),
-        "self_gap": self_gap(curve),
+        "self_gap": extremes.self_gap(curve),
     }
 
 
-def _balance(curve: Curve, f: Array) -> dict[str, Array]:
+def _balance(curve: Curve, f: Array, bending: Array) -> dict[str, Array]:
     """How far the forces of one membrane on itself are from cancelling."""
-    arm, tiny = curve.x - geometry.centroid(curve), jnp.finfo(f.dtype).tiny
+    arm, length = curve.x - geometry.centroid(curve), geometry.length(curve)
     size = jnp.sum(jnp.abs(f), axis=-1)
-    force = jnp.sum(jnp.abs(curve.weights @ f)) / jnp.maximum(curve.weights @ size, tiny)
+    # Forces of a membrane at rest are round-off: less than a millionth of the bending force is none.
+    least = _AT_REST * bending / length**2
+    force = jnp.sum(jnp.abs(curve.weights @ f)) / (curve.weights @ size + least)
     turning = jnp.abs(curve.weights @ (arm[:, 0] * f[:, 1] - arm[:, 1] * f[:, 0]))
-    torque = turning / jnp.maximum(curve.weights @ (jnp.sum(jnp.abs(arm), axis=-1) * size), tiny)
+    torque = turning / (curve.weights @ (jnp.sum(jnp.abs(arm), axis=-1) * size) + least * length)
     return {"force_residual": force, "torque_residual": torque}
 
 
@@ -251,7 +214,6 @@ def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
         "dipole": dipole,
         "dipole_angle": _angle(dipole),
         "charge": jnp.sum(q * weights),
-        "max_V_m": jnp.max(jnp.abs(V_m)),
         "torque": jnp.sum(weights * (arm[:, 0] * f_el[:, 1] - arm[:, 1] * f_el[:, 0])),
         "traction_ratio": jnp.sum(tangential * weights) / jnp.where(across > 0, across, 1.0),
     }
@@ -266,7 +228,9 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
         return _of_shape(equation, *args)
 
     out = jax.vmap(shape)(curves, y.x, motion.velocity, motion.sigma, scene.bending, equation.speed)
-    out |= jax.vmap(_balance)(curves, motion.f_hd if motion.f_el is None else motion.f_hd + motion.f_el)
+    out |= jax.vmap(extremes.over_membrane)(curves, motion.sigma, scene.bending, y.V_m)
+    own = motion.f_hd if motion.f_el is None else motion.f_hd + motion.f_el
+    out |= jax.vmap(_balance)(curves, own, scene.bending)
     if scene.field is not None:
         field = scene.field
         q = field.contrast()[:, None] * motion.w
@@ -274,8 +238,8 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
         direction = field.unit_direction()
         out["deformation_along_field"] = jax.vmap(geometry.deformation, in_axes=(0, None))(curves, direction)
         tail = jax.vmap(lambda V_m: fourier.spectral_tail(V_m, equation.filter.surface))(y.V_m)
-        # Before charging starts V_m is round-off, whose spectrum says nothing.
-        charged = out["max_V_m"] > 1e-8
+        # Where V_m does not vary, as before charging starts, its spectrum is round-off and says nothing.
+        charged = jnp.ptp(y.V_m, axis=1) > 1e-8
         out["spectral_tail"] = jnp.maximum(out["spectral_tail"], jnp.where(charged, tail, 0.0))
     out["stress"] = stress(motion)
     if scene.flow is not None:

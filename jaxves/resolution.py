@@ -12,14 +12,18 @@ Each number of nodes is compiled once. The interpolant of the nodes goes on when
 that area, perimeter and equal spacing stay what they are.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import numpy as np
 
 from . import fourier, marching, status
+from .build import build
+from .case import Case
 from .equation import Equation, Filter
 from .marching import State
 from .motion import Unknowns
-from .problem import AUTO_NODES, Problem, awaited, strengthened
+from .problem import AUTO_NODES, Problem, awaited, problem_of, strengthened, with_nodes
 from .scenetables import SceneFile
 
 _TENSION = 1e3  # its limit in units of that of x and V_m
@@ -66,7 +70,7 @@ def demand(row: Row, N: int) -> float:
     """How badly the saved instant `row` (one row) needs more than N nodes: unresolved in units of the limit of x."""
     cut = Filter.for_nodes(N)
     found = [_tail(row["x"][0], N, cut.x), _tail(row["tension"][0], N, cut.surface) / _TENSION]
-    if "V_m" in row and np.max(np.abs(row["V_m"])) > 1e-8:  # before charging starts it is round-off
+    if "V_m" in row and np.max(np.ptp(row["V_m"][0], axis=1)) > 1e-8:  # where it does not vary, it is round-off
         found.append(_tail(row["V_m"][0], N, cut.surface))
     return max(found)
 
@@ -80,12 +84,20 @@ def necks_hold(row: Row, N: int) -> bool:
 class Resolution:
     """The numbers of nodes that a run may use, and the problem with each; rows hold the greatest.
 
-    `limit`: of the spectrum of x and V_m; a run with one number of nodes keeps it.
+    `limit`: of the spectrum of x and V_m; a run with one number of nodes keeps it. `anew` gives the problem with N
+    nodes from the scene file, whose curves more nodes show better; without it the nodes of `problem` are all there is.
     """
 
-    def __init__(self, problem: Problem, sizes: tuple[int, ...], limit: float):
+    def __init__(
+        self,
+        problem: Problem,
+        sizes: tuple[int, ...],
+        limit: float,
+        anew: Callable[[int], Problem | None] = lambda N: None,
+    ):
         self.sizes = sizes
         self.limit = limit
+        self._anew = anew
         self._problems = {problem.equation.scene.x.shape[1]: problem}
         self.first = problem
 
@@ -95,7 +107,6 @@ class Resolution:
         Where nodes follow the need of the run, their limit moves as the error of time does.
         """
         march = self.first.march.with_tolerance(tolerance)
-        first = strengthened(eqx.tree_at(lambda p: p.march, self.first, march))
         sizes = tuple(max(2 * round(0.5 * nodes * N), _FEWEST) for N in self.sizes)
         if nodes > 1:  # those there are already come first: they are compiled
             sizes = tuple(sorted({*self.sizes[1:], *sizes[-1:]}))
@@ -104,8 +115,10 @@ class Resolution:
         limit = self.limit * (_LOOSER if nodes < 1 else 1 / _LOOSER)
         start = self.first.state.y.x.shape[1]
         N = min((K for K in sizes if min(nodes, 1.01) * start <= K), default=sizes[-1])
+        problem = self._anew(N)
+        first = strengthened(eqx.tree_at(lambda p: p.march, problem or self.first, march))
         other = Resolution(first, sizes, limit)
-        return other, other._moved(first.state, N)
+        return other, first.state if problem else other._moved(first.state, N)
 
     def problem(self, N: int) -> Problem:
         """The problem with N nodes."""
@@ -159,7 +172,17 @@ class Resolution:
 
 def resolution_of(scene_file: SceneFile, problem: Problem) -> Resolution:
     """One number of nodes, or those of "auto" from the start's on; a hundredth of the tolerance goes to space."""
+    x = problem.equation.scene.x
+
+    def anew(N: int) -> Problem | None:
+        """None for a start that the file does not describe by itself: relaxed, or taken from another run."""
+        own = build(with_nodes(scene_file, x.shape[1])).x
+        if not np.allclose(own, x, rtol=0.0, atol=1e-12):
+            return None
+        other = with_nodes(scene_file, N)
+        return problem_of(Case(other), build(other))
+
     if scene_file.numerics.nodes != "auto":
-        return Resolution(problem, (problem.equation.scene.x.shape[1],), 0.0)
+        return Resolution(problem, (x.shape[1],), 0.0, anew)
     tolerance = scene_file.numerics.tolerance or 1e-4
-    return Resolution(problem, AUTO_NODES, float(np.clip(1e-2 * tolerance, 1e-9, 1e-5)))
+    return Resolution(problem, AUTO_NODES, float(np.clip(1e-2 * tolerance, 1e-9, 1e-5)), anew)

@@ -5,7 +5,7 @@ is measured with a second run. The first choice is a coarser one, with three qua
 tolerance, which costs about a third of the run. It is off by more than the run itself:
 
 - with n steps to its m and a method of order p, its error in time is (n/m)^p times that of the run;
-- its error in space is larger by the ratio of the spectral tails of the tension, or more.
+- its error in space is larger by the ratio of the spectral tails, of x and V_m or of the tension, or more.
 
 The distance of the two runs is therefore multiplied by the larger of 1/((n/m)^p - 1) and that ratio of tails, at most
 by one. Where stability and not the tolerance sets the steps, both runs make as many, and a thirtieth of the tolerance
@@ -23,6 +23,7 @@ from . import status
 from .resolution import Resolution, Row, finer_rows
 
 _BETWEEN = 4  # steps of the first run between instants at which the second stops, at least
+_TAILS = ("diagnostics/spectral_tail", "diagnostics/tension_tail")
 _POOR = 1e-2  # an estimate above this is worth a finer run
 
 
@@ -53,7 +54,7 @@ _FINER = _Second(1.5, 1 / 30, 1.0)
 class _Compared(NamedTuple):
     """How far the second run is from the first at most, and how their steps and their spectral tails compare.
 
-    `steps` is n/m, `tails` the tail of the tension in the first run over that in the second.
+    `steps` is n/m, `tails` the tails of the first run over those of the second, at worst of the two kinds.
     """
 
     apart: float
@@ -92,24 +93,22 @@ def _compared(
     """The second run beside the first; None where it breaks down."""
     progress(times[-1], f"estimating the error: compiling a run with {second.in_words()}")
     other, state = resolution.other(second.nodes, second.tolerance)
-    apart, ratio, tails = 0.0, 1.0, [0.0, 0.0]
+    apart, ratio, tails = 0.0, 1.0, np.zeros((2, len(_TAILS)))
     last = len(times) - 1
     stride = math.ceil(_BETWEEN * last / max(int(rows(last)["steps"]), 1))
-    for i in [*range(stride, last, stride), last]:
+    for i in [0, *range(stride, last, stride), last]:
         state, found = other.stepped(state, times[i])
         code = int(state.status)
         if not len(found["t"]) or code not in (status.RUNNING, status.STEADY):
             return None
         row = rows(i)
-        tails = [
-            max(top, float(np.max(r["diagnostics/tension_tail"]))) for top, r in zip(tails, (row, found), strict=True)
-        ]
+        tails = np.maximum(tails, [[np.max(r[name]) for name in _TAILS] for r in (row, found)])
         apart = max(apart, *_distances(row, found))
-        ratio = float(row["steps"] / int(state.steps))
+        ratio = float(row["steps"] / max(int(state.steps), 1))
         progress(times[-1], f"estimating the error: t = {times[i]:.3g} with {second.in_words()}")
         if code == status.STEADY or (2 * i > last and not second.tells(ratio)):
             break
-    return _Compared(apart, ratio, tails[0] / max(tails[1], np.finfo(float).tiny))
+    return _Compared(apart, ratio, float(np.max(tails[0] / np.maximum(tails[1], np.finfo(float).tiny))))
 
 
 def _distances(row: Row, found: Row) -> list[float]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import diagnosed, motion_of
 
-from jaxves import diagnostics, flow, fourier, interactions, shapes
+from jaxves import flow, fourier, interactions, shapes
 from jaxves.curve import Curve
 from jaxves.equation import equation_for
 from jaxves.marching import Adaptive, simulate
@@ -108,7 +108,7 @@ def test_the_gap_is_the_distance_of_the_curves_not_of_the_nodes():
     """Two circles, nodes turned away from the nearest points."""
     turned = shapes.rotated(shapes.circle(32), 0.05)
     first, second = Curve.from_nodes(turned), Curve.from_nodes(turned + jnp.array([2.3, 0.4]))
-    np.testing.assert_allclose(jax.jit(diagnostics.gap)(first, second), np.hypot(2.3, 0.4) - 2, atol=1e-12)
+    np.testing.assert_allclose(jax.jit(extremes.gap)(first, second), np.hypot(2.3, 0.4) - 2, atol=1e-12)
 
 
 def test_crossing_vesicles_end_a_run_as_a_collision():

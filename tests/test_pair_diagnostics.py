@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import diagnostics, fourier, marching, shapes, status
+from jaxves import diagnostics, extremes, fourier, marching, shapes, status
 from jaxves.equation import equation_for
 from jaxves.motion import Unknowns
 from jaxves.scene import dc_field, make_scene
@@ -34,7 +34,7 @@ def _diagnosing(N, M):
         return found | {"gap_rate": rate}
 
     def _gap(x):
-        return diagnostics.gap(*(diagnostics.Curve.from_nodes(x) for x in x[:2]))
+        return extremes.gap(*(diagnostics.Curve.from_nodes(x) for x in x[:2]))
 
     def call(x, V_m):
         row, code = diagnose(x, V_m)
@@ -95,7 +95,7 @@ def test_the_film_error_tells_how_wrong_the_drainage_is(gap):
     centers = np.array([[0.0, 0.0], tip * DIRECTION])
     x, _ = placed(64, centers)
     first, second = (jax.vmap(diagnostics.Curve.from_nodes)(x[m][None]) for m in (0, 1))
-    now = jax.jit(jax.vmap(diagnostics.gap))(first, second)[0]
+    now = jax.jit(jax.vmap(extremes.gap))(first, second)[0]
     centers[1] += (gap - now) * DIRECTION
     exact, resolved = _diagnosing(160, 2)(*placed(160, centers))
     np.testing.assert_allclose(exact["min_gap"], gap, rtol=1e-3)
