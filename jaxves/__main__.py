@@ -13,8 +13,9 @@ def main(arguments: list[str] | None = None) -> None:
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, lambda signum, frame: os._exit(128 + signum))
     from .cli import answer
-    from .console import INTERRUPTED, TERMINATED
+    from .console import INTERRUPTED, TERMINATED, write_in_any_encoding
 
+    write_in_any_encoding()
     status = answer(sys.argv[1:] if arguments is None else arguments)
     if status in (INTERRUPTED, TERMINATED):
         # Compiled code may still be running, which an orderly end of Python would crash.

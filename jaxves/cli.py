@@ -54,6 +54,9 @@ def answer(arguments: list[str]) -> int:
         return console.refused(error.format_message()).exit_code
     except (KeyboardInterrupt, typer.Abort):
         return console.INTERRUPTED
+    except OSError as error:  # of the disk that the output goes to, or a picture
+        console.say(error)
+        return console.BROKE_DOWN
 
 
 def _version(wanted: bool) -> bool:

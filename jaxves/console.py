@@ -3,7 +3,9 @@
 Exit status: 0 done, 2 bad input, 3 broke down, 130 interrupted by Ctrl-C or --max-time, 143 by SIGTERM.
 """
 
+import io
 import os
+import sys
 from pathlib import Path
 
 import typer
@@ -11,8 +13,28 @@ from rich.console import Console
 
 BAD_INPUT, BROKE_DOWN, INTERRUPTED, TERMINATED = 2, 3, 130, 143
 
-out = Console(highlight=False, soft_wrap=True)
-err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+class _Console(Console):
+    """Goes on in silence once its reader is gone, as after `| head`: the exit status stays that of the work."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.file.fileno())
+        os.close(nowhere)
+
+
+out = _Console(highlight=False, soft_wrap=True)
+err = _Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def write_in_any_encoding() -> None:
+    """Makes standard output replace the characters that its encoding lacks, instead of failing at the first.
+
+    Standard error does so by itself.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 def say(message: object) -> None:

@@ -4,11 +4,14 @@ Modules that import JAX are imported only in here, once the input has been check
 """
 
 import os
+import tempfile
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import platformdirs
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -18,6 +21,8 @@ from .ownership import LostFile
 from .scenefile import SceneError, SceneFile
 from .store import StoreError
 from .sweepstore import SweepRecord
+
+_ROOM = 2**20  # bytes that a program may take: with less it is not worth while
 
 
 def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> int:
@@ -119,11 +124,30 @@ def _told(found: interrupts.Interrupts) -> int:
 
 
 def keep_compiled() -> None:
-    """Compiled programs are kept between runs, apart for each jaxlib, whose formats differ."""
+    """Compiled programs are kept between runs, apart for each jaxlib, whose formats differ.
+
+    The folder is that of JAX_COMPILATION_CACHE_DIR, or else jaxves in the user's cache folder. Where neither can be
+    written, nothing is kept, and nothing said: the work does not depend on it.
+    """
     import jax
     import jaxlib
 
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
     if jax.config.jax_compilation_cache_dir is None:
-        folder = Path.home() / ".cache" / "jaxves" / f"jaxlib-{jaxlib.__version__}"
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+        folder = platformdirs.user_cache_path("jaxves", appauthor=False) / f"jaxlib-{jaxlib.__version__}"
+        if _can_be_written(folder):
+            jax.config.update("jax_compilation_cache_dir", str(folder))
+            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def _can_be_written(folder: Path) -> bool:
+    """Whether a folder is there or can be made, and has room; False as well where nobody knows the user's home."""
+    try:
+        if folder.is_absolute():
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder) as file:
+                file.write(bytes(_ROOM))
+            return True
+    except OSError:
+        pass
+    return False
