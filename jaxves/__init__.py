@@ -108,6 +108,7 @@ _LAYERS = {
     "fit": (),
     "resolution": (),
     "wholerun": (),
+    "earlier": (),
     "runner": ("run",),
     # sweeps: many cases of one scene
     "sweeptables": (),

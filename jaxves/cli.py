@@ -78,7 +78,18 @@ def run(
     scene: Annotated[str, typer.Argument(help="A scene file (TOML), or the name of a built-in scene.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The result file (HDF5).")],
     force: Force = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where the result file ends.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where the result file ends, also to a larger t_end of the scene.")
+    ] = False,
+    start: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            help="Start from the end of this result file: its nodes and, where both have a field, its membrane "
+            "potential replace shapes, places, `relaxed` and `disturbance` of the scene's vesicles.",
+        ),
+    ] = None,
+    at: Annotated[float | None, typer.Option("--at", help="With --from: at its saved time nearest to this.")] = None,
     max_time: MaxTime = None,
 ) -> None:
     """Simulate a scene."""
@@ -87,6 +98,10 @@ def run(
         scene_file = load(scene)
         if force and resume:
             raise console.refused("--force replaces the result file and --resume continues it: give one of them.")
+        if start is not None and resume:
+            raise console.refused("--from is for a new run: a result file has its own start, --resume needs no other.")
+        if at is not None and start is None:
+            raise console.refused(f"--at = {at}, expected --from FILE with it.")
         if resume and continuation.is_done(out, scene_file):
             console.out.print(f"{out} is done ({store.load(out).status}): there is nothing to resume.")
             return
@@ -95,7 +110,7 @@ def run(
     if not resume:
         console.refuse_existing([out], force, "use --force to replace it or --resume to continue it")
 
-    code = longwork.simulate(scene_file, out, limit, force=force, resume=resume)
+    code = longwork.simulate(scene_file, out, limit, force=force, resume=resume, start=start, at=at)
     _summarise(store.load(out), out)
     raise typer.Exit(code)
 

@@ -16,21 +16,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import diagnostics, marching, phases, status, store
+from .arguments import refusal
 from .build import build
 from .case import Case
 from .certificate import LEAST_DIGITS, certificate, weakest
 from .continuation import is_done, saved_times
+from .earlier import started_from
 from .marching import State
 from .ownership import real, writing
 from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
 from .resolution import Resolution, resolution_of
+from .scene import Scene
 from .scenefile import load, to_toml
 from .scenetables import SceneFile
 from .uses import RUN
 from .wholerun import estimated_error
 
 _SECONDS = 0.5  # between writes: what a killed run may lose
-_START = "start"  # in the restart: the nodes at t = 0, relaxed and all, before they were filtered
+# In the restart: nodes (relaxed and all) and, where it does not vanish, potential at t = 0, before they were filtered.
+_START, _START_V_m = "start", "start_V_m"
 
 Progress = Callable[[float, str], None]  # time reached, what to say of it
 
@@ -74,7 +78,7 @@ class _Rows:
 
     state: State
 
-    def __init__(self, writer: store.Writer, start: np.ndarray | None):
+    def __init__(self, writer: store.Writer, start: dict[str, np.ndarray] | None):
         self.writer = writer
         self.start = start
         self.deformation: list[np.ndarray] = []  # along the field, of all rows there are
@@ -92,7 +96,7 @@ class _Rows:
     def write(self) -> None:
         if self._waiting:
             block = {name: np.concatenate([row[name] for row in self._waiting]) for name in self._waiting[0]}
-            restart = {} if self.start is None else _named(self.state) | {_START: self.start}
+            restart = {} if self.start is None else _named(self.state) | self.start
             self.writer.append(block, restart)
             self._waiting = []
         self._written = time.perf_counter()
@@ -104,6 +108,8 @@ def run(
     *,
     force: bool = False,
     resume: bool = False,
+    start: str | Path | None = None,
+    at: float | None = None,
     progress: Progress = lambda t, text: None,
 ) -> str:
     """Runs a scene file, or the one of that path or built-in name, into a result file; returns the status word.
@@ -113,22 +119,31 @@ def run(
     With `resume` the file is continued, also to a later `t_end` with as many more `saves`; one that is done already is
     left as it is.
 
+    With `start`, another result file, the run starts at t = 0 with the nodes of the last saved time of that file, or of
+    the one nearest to `at`; where both have a field, also with its V_m. The shapes, places, `relaxed` and `disturbance`
+    of the scene's vesicles are not used. Such a run is resumed without `start`.
+
     Raises:
         SceneError: no such scene, or a value that no scene file may have.
         store.StoreError: the file exists (without `force`), is being written by another run, cannot be written, or
-            cannot be resumed.
+            cannot be resumed; or `start` cannot be started from.
+        ValueError: `at` without `start`, or `start` with `resume`.
         Broken: it can no longer be written.
         KeyboardInterrupt: Ctrl-C before there was anything to write.
     """
     began, path = time.perf_counter(), real(path)
     scene_file = load(scene_file) if isinstance(scene_file, str | Path) else scene_file
     Case.of(scene_file, RUN)
+    if at is not None and start is None:
+        raise refusal("at", at, "no time without a result file to start from")
+    if resume and start is not None:
+        raise refusal("start", str(start), "none for a run that is resumed: its own file has the start")
     with writing(path):
         if resume and is_done(path, scene_file):
             return store.load(path).status
         if not resume and not force and path.exists():
             raise store.StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
-        begun = _continued(scene_file, path) if resume else _new(scene_file, path, force, progress)
+        begun = _continued(scene_file, path) if resume else _new(scene_file, path, force, start, at, progress)
         return _carried_out(scene_file, begun, began, progress)
 
 
@@ -162,15 +177,28 @@ class _Begun(NamedTuple):
     failed: NotRelaxed | None = None
 
 
-def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> _Begun:
-    """The first row is in the file."""
-    case, scene, failed = Case(scene_file), starting_scene(scene_file), None
+def _started(
+    scene_file: SceneFile, start: str | Path | None, at: float | None, progress: Progress
+) -> tuple[Scene, dict[str, str], NotRelaxed | None]:
+    """The scene at t = 0, what the file shall say of its origin, and why it has not come to rest if it had to."""
+    if start is not None:
+        scene, words = started_from(start, at, scene_file)
+        return scene, {"started_from": words}, None
+    scene = starting_scene(scene_file)
     if any(vesicle.relaxed for vesicle in scene_file.vesicles()):
         progress(0.0, "relaxing")
         try:
-            scene = relaxed(case, scene)
+            scene = relaxed(Case(scene_file), scene)
         except NotRelaxed as error:
-            failed = error
+            return scene, {}, error
+    return scene, {}, None
+
+
+def _new(
+    scene_file: SceneFile, path: Path, force: bool, start: str | Path | None, at: float | None, progress: Progress
+) -> _Begun:
+    """The first row is in the file."""
+    case, (scene, origin, failed) = Case(scene_file), _started(scene_file, start, at, progress)
     progress(0.0, "compiling")
     problem = strengthened(problem_of(case, scene))
     resolution = resolution_of(scene_file, problem)
@@ -183,14 +211,15 @@ def _new(scene_file: SceneFile, path: Path, force: bool, progress: Progress) -> 
     writer = store.Writer(
         path,
         scene_text=to_toml(scene_file),
-        attributes={"device": str(jax.devices()[0]), "symmetry": "" if symmetry is None else symmetry.kept},
+        attributes={"device": str(jax.devices()[0]), "symmetry": "" if symmetry is None else symmetry.kept} | origin,
         times=saved_times(scene_file),
         vesicles=M,
         nodes=N,
         datasets={name: _description(name) for name in row},
         force=force,
     )
-    rows = _Rows(writer, None if failed else np.asarray(scene.x))
+    given = {_START: scene.x} | ({} if scene.V_m is None else {_START_V_m: scene.V_m})
+    rows = _Rows(writer, None if failed else {name: np.asarray(leaf) for name, leaf in given.items()})
     rows.add(row, state)
     rows.write()
     return _Begun(resolution, state, rows, failed)
@@ -200,8 +229,9 @@ def _continued(scene_file: SceneFile, path: Path) -> _Begun:
     """At the last row of the file. Nodes are not sought and vesicles not relaxed again: the file has the start."""
     deformation = store.load(path).diagnostics.get("deformation_along_field", ())
     writer, leaves = store.resume(path, to_toml(scene_file), saved_times(scene_file))
-    start = leaves.pop(_START)
-    scene = eqx.tree_at(lambda s: s.x, build(scene_file), jnp.asarray(start))
+    start = {name: leaves.pop(name) for name in (_START, _START_V_m) if name in leaves}
+    given = jnp.asarray(start[_START]), jnp.asarray(start[_START_V_m]) if _START_V_m in start else None
+    scene = eqx.tree_at(lambda s: (s.x, s.V_m), build(scene_file), given, is_leaf=lambda leaf: leaf is None)
     problem = strengthened(problem_of(Case(scene_file), scene))
     rows = _Rows(writer, start)
     rows.deformation.extend(deformation)

@@ -187,6 +187,11 @@ def through_points(points: Float[np.ndarray, "K 2"], N: int, *, length: float = 
 
 def equispaced(x: Float[Array, "K 2"], N: int) -> NodePoints:
     """N nodes equispaced in arc length on the trigonometric interpolant of `x`, from its first node on."""
+    return fourier.evaluate(x, equispaced_parameters(x, N))
+
+
+def equispaced_parameters(x: Float[Array, "K 2"], N: int) -> Float[Array, "N"]:
+    """The parameters of the nodes that `equispaced` returns."""
     K = x.shape[0]
     speed = curve.Curve.from_nodes(x).speed
     total = jnp.mean(speed)
@@ -204,7 +209,7 @@ def equispaced(x: Float[Array, "K 2"], N: int) -> NodePoints:
 
         return _root(residual, optx.Newton(rtol=1e-14, atol=1e-14), guess, max_steps=16)
 
-    return fourier.evaluate(x, jax.vmap(parameter)(wanted, start))
+    return jax.vmap(parameter)(wanted, start)
 
 
 def scaled(x: NodePoints, length: ScalarLike) -> NodePoints:

@@ -50,6 +50,8 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     M = record.x.shape[1]
     nodes = " or ".join(str(N) for N in np.unique(record.nodes))
     yield f"{M} vesicle{'s' * (M > 1)} of {nodes} nodes, {len(record.t)} saved times"
+    if origin := record.attributes.get("started_from"):
+        yield f"started from {origin}, not with the shapes of its scene"
     if kept := record.attributes.get("symmetry"):
         yield f"kept symmetric {kept}, as it started; a `disturbance` would show what of it is unstable"
     if "deformation_along_field" in record.diagnostics:

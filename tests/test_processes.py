@@ -10,12 +10,15 @@ import time
 import tomllib
 
 import h5py
+import jax.numpy as jnp
+import numpy as np
 import pytest
 from conftest import stored
 
 import jaxves
-from jaxves import ownership, runner, store, sweepstore
+from jaxves import fourier, ownership, runner, store, sweepstore
 from jaxves.cli import answer
+from jaxves.earlier import started_from
 from jaxves.ownership import writer_of, writing
 from jaxves.scenefile import parse
 from jaxves.store import StoreError
@@ -80,6 +83,7 @@ def interrupt():
 HOLDER = """
 import sys
 from pathlib import Path
+from jaxves.earlier import started_from
 from jaxves.ownership import writing
 
 with writing(Path(sys.argv[1])):
@@ -282,3 +286,156 @@ def test_the_file_of_a_sweep_has_one_writer_and_is_not_overwritten_when_taken_aw
         assert "sweep running" in call("show", kept)[1]
     assert jaxves.sweep(SWEEP, kept, devices=1, batch=1, resume=True).counts() == {"complete": 3}
     assert names(tmp_path) == ["sweep.h5", "sweep.lost.h5"]
+
+
+# --- a run goes on to a larger t_end ------------------------------------------------------------
+
+STOP = "[stop]\nsteady = {}\n[numerics]\n"
+
+
+def extended(t_end=0.08, saves=8, **changes):
+    return scene(t_end=t_end, saves=saves, **changes)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The file of a run that had the larger t_end from the start."""
+    path = tmp_path_factory.mktemp("whole") / "whole.h5"
+    assert runner.run(extended(), path) == "complete"
+    return path
+
+
+def test_an_interrupted_run_is_extended_twice_and_by_one_saved_time(tmp_path, whole):
+    path = tmp_path / "out.h5"
+    assert runner.run(scene(), path, progress=After(2, interrupt)) == "interrupted"
+    longer = extended(t_end=0.05, saves=5)
+    assert runner.run(longer, path, resume=True, progress=After(1, interrupt)) == "interrupted"
+    assert len(store.load(path).t) == 4
+    assert runner.run(longer, path, resume=True) == "complete"
+    assert len(store.load(path).t) == 6
+    assert runner.run(extended(), path, resume=True) == "complete"
+    assert stored(path) == stored(whole)
+
+
+def test_what_was_found_at_the_end_is_found_anew(tmp_path):
+    """Averages, certificate and error belong to the whole run, and to no part of it when that is interrupted."""
+
+    def longer(t_end, saves):
+        words = text(t_end=t_end, saves=saves).replace("certify = false\n", "")
+        return parse(tomllib.loads("average = [0.01, 0.035]\n" + words))
+
+    path = tmp_path / "out.h5"
+    runner.run(longer(0.04, 4), path)
+    first = store.load(path)
+    assert first.averages and first.attributes["error"] > 0
+    assert runner.run(longer(0.08, 8), path, resume=True, progress=After(1, interrupt)) == "interrupted"
+    assert "error" not in store.load(path).attributes
+    runner.run(longer(0.08, 8), path, resume=True)
+    runner.run(longer(0.08, 8), tmp_path / "whole.h5")
+    again, straight = store.load(path), store.load(tmp_path / "whole.h5")
+    assert again.attributes["error"] == straight.attributes["error"] != first.attributes["error"]
+    assert stored(path) == stored(tmp_path / "whole.h5")
+
+
+def test_a_run_that_met_its_stop_condition_is_not_extended(tmp_path):
+    def stopping(**changes):
+        return text(**changes).replace("[numerics]\n", STOP.format(1e6))
+
+    (tmp_path / "short.toml").write_text(stopping())
+    (tmp_path / "long.toml").write_text(stopping(t_end=0.08, saves=8))
+    out = tmp_path / "out.h5"
+    assert call("run", tmp_path / "short.toml", "--out", out)[0] == 0
+    before = out.read_bytes()
+    code, said, _ = call("run", tmp_path / "long.toml", "--out", out, "--resume")
+    assert code == 0 and "is done (steady): there is nothing to resume" in said
+    assert out.read_bytes() == before
+
+
+# --- a run starts where another one ended --------------------------------------------------------
+
+FINE = "[numerics]\nnodes = {nodes}\ntolerance = 1e-6\ncertify = false\n"
+
+
+def other(t_end=0.04, saves=4, nodes=32, beta=1.0, table="", shape="angle = 90.0\n"):
+    words = text(t_end=t_end, saves=saves, beta=beta).split("[numerics]")[0].replace("angle = 90.0\n", shape)
+    if beta is None:
+        words = words.split("[field]")[0]
+    return parse(tomllib.loads(words + table + FINE.format(nodes=nodes)))
+
+
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory):
+    """The file of a run to t = 0.08; its vesicle is stretched by a field, and its membrane is charged."""
+    path = tmp_path_factory.mktemp("earlier") / "a.h5"
+    assert runner.run(other(0.08, 8), path) == "complete"
+    return path
+
+
+def test_a_run_that_starts_where_another_was_goes_the_same_way(earlier, tmp_path):
+    """Within the tolerance of the steps: a start without V_m would be far off."""
+    path = tmp_path / "b.h5"
+    assert runner.run(other(shape="angle = 17.0\ncenter = [3.0, 1.0]\n"), path, start=earlier, at=0.041) == "complete"
+    a, b = store.load(earlier), store.load(path)
+    np.testing.assert_allclose(b.t, [0, 0.01, 0.02, 0.03, 0.04], atol=1e-15)
+    np.testing.assert_allclose(b.x[0], a.x[4], atol=1e-12)
+    np.testing.assert_allclose(b.V_m[0], a.V_m[4], atol=1e-12)
+    assert np.max(np.abs(a.V_m[4])) > 1e-2
+    np.testing.assert_allclose(b.x, a.x[4:], atol=1e-4)
+    np.testing.assert_allclose(b.V_m, a.V_m[4:], atol=1e-4)
+    assert b.attributes["started_from"] == f"{earlier} at t = 0.04"
+    assert f"started from {earlier} at t = 0.04" in call("show", path)[1]
+
+
+def test_it_is_resumed_to_the_last_bit_without_the_file_it_started_from(earlier, tmp_path):
+    gone = tmp_path / "gone.h5"
+    gone.write_bytes(earlier.read_bytes())
+    assert runner.run(other(), tmp_path / "whole.h5", start=gone) == "complete"
+    assert runner.run(other(), tmp_path / "parts.h5", start=gone, progress=After(2, interrupt)) == "interrupted"
+    gone.unlink()
+    assert runner.run(other(), tmp_path / "parts.h5", resume=True) == "complete"
+    assert stored(tmp_path / "parts.h5") == stored(tmp_path / "whole.h5")
+
+
+@pytest.mark.parametrize(("nodes", "expected"), [(24, 24), (48, 48), ('"auto"', 64)])
+def test_another_number_of_nodes_describes_the_same_curve(earlier, nodes, expected):
+    scene_file, record = other(nodes=nodes), store.load(earlier)
+    start, _ = started_from(earlier, None, scene_file)
+    assert start.x.shape == (1, expected, 2) and start.V_m.shape == (1, expected)
+    # A point of the new curve lies on the old one, with the potential that is there.
+    both = jnp.asarray(np.concatenate([record.x[-1], record.V_m[-1][..., None]], -1))
+    fine = np.asarray(fourier.resample(both, 4096, axis=1)[0])
+    apart = np.linalg.norm(fine[:, None, :2] - start.x[0][None], axis=-1)
+    assert np.max(np.min(apart, axis=0)) < 2e-3
+    np.testing.assert_allclose(fine[np.argmin(apart, axis=0), 2], start.V_m[0], atol=5e-3)
+
+
+def test_a_membrane_potential_is_taken_over_where_both_have_a_field(earlier, tmp_path):
+    without = other(0.02, 2, beta=None)
+    assert runner.run(without, tmp_path / "none.h5", start=earlier) == "complete"
+    assert store.load(tmp_path / "none.h5").V_m is None
+    start, _ = started_from(tmp_path / "none.h5", None, other())
+    assert start.V_m is None and start.field is not None
+
+
+def test_what_cannot_be_started_from_is_refused_in_one_line(earlier, tmp_path):
+    scenes = tmp_path / "scene.toml"
+    scenes.write_text(text())
+    (tmp_path / "text.h5").write_text("no")
+    pair = parse(tomllib.loads(text().replace("[field]", "[pair]\nseparation = 4.0\n[field]")))
+    out = tmp_path / "out.h5"
+    with pytest.raises(StoreError, match=r"a\.h5 holds 1 vesicles, but the scene has 2"):
+        runner.run(pair, out, start=earlier)
+    for arguments, words in (
+        (["--from", tmp_path / "none.h5"], "none.h5 does not exist"),
+        (["--from", tmp_path / "text.h5"], "text.h5 is not a jaxves result file"),
+        (["--from", earlier, "--at", 0.09], "at = 0.09, expected a time in [0, 0.08]"),
+        (["--from", earlier, "--at", "nan"], "at = nan, expected a time in [0, 0.08]"),
+        (["--at", 0.01], "--at = 0.01, expected --from"),
+        (["--from", earlier, "--resume"], "--from is for a new run"),
+    ):
+        code, said, err = call("run", scenes, "--out", out, *arguments)
+        assert (code, said) == (2, "") and words in err and "\n" not in err
+    for how in ({"at": 0.01}, {"start": earlier, "resume": True}):
+        with pytest.raises(ValueError, match="expected no"):
+            runner.run(scene(), out, **how)
+    assert names(tmp_path) == ["scene.toml", "text.h5"]
