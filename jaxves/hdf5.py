@@ -50,6 +50,20 @@ def named_errors(verb: str, path: Path) -> Iterator[None]:
         raise StoreError(f"cannot {verb} {path}: {' '.join(reason.split())}") from error
 
 
+def opened(path: Path, mode: str) -> h5py.File:
+    """The HDF5 file, without HDF5's own lock.
+
+    That would keep other programs from opening the file of a run that goes on, and a notebook that has a file open from
+    having its run continued. That a file has one writer is the matter of `ownership`.
+    """
+    try:
+        return h5py.File(path, mode, locking=False)
+    except OSError as error:
+        if "locking flag" not in str(error):
+            raise
+        return h5py.File(path, mode)  # this process has it open already, with a lock, and HDF5 wants the same again
+
+
 class OpenFile:
     """A file held open for adding to it: a context manager."""
 

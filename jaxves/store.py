@@ -9,10 +9,10 @@ The file is changed in two ways only, and a process killed at any moment leaves 
 
 The restart state has two slots, written in turn; each tells how many rows it belongs to, and the valid one is the one
 which agrees with the root's `saved` (`restart`). Rows and state thus never part.
+Blocks are flushed to the operating system, not to the disk: they survive the process, not surely a power cut.
 
 `/t` holds all saved times from the start, also those whose rows are still to come and hold NaN, so that a file can be
 opened and selected from by time while it is written.
-Blocks are flushed to the operating system, not to the disk: they survive the process, not surely a power cut.
 """
 
 import os
@@ -36,6 +36,7 @@ from .hdf5 import (
     histories,
     link_times,
     named_errors,
+    opened,
     replacing,
 )
 from .ownership import check_in_place
@@ -131,7 +132,7 @@ class Writer(OpenFile):
     def _open(self, path: Path) -> None:
         self.path = path
         with named_errors("write", path):
-            self._file = h5py.File(path, "r+")
+            self._file = opened(path, "r+")
         self.saved = int(self._file.attrs["saved"])
         self._rows = histories(self._file)
         self._valid, self._free = restart.slots(self._file)
@@ -252,12 +253,11 @@ def resume(path: str | os.PathLike, scene_text: str, times: np.ndarray) -> tuple
         times: all saved times (T,) if the run reaches its end, those that the file has already first.
 
     Raises:
-        StoreError: not a result file, one without a state, or one which is being written.
+        StoreError: not a result file, or one without a state.
     """
     path = Path(path)
     with named_errors("resume", path):
-        # Opened for writing although only read: the lock tells a run which is still alive.
-        with _open_result(path, "r+") as file:
+        with _open_result(path) as file:
             valid, _ = restart.slots(file)
             leaves = restart.leaves_in(valid)
         if not leaves:
@@ -294,8 +294,8 @@ def load(path: str | os.PathLike) -> Record:
         StoreError: no such file, not a result file, or one of a later version.
     """
     path = Path(path)
-    # A run may be holding the lock; since it only adds rows, reading beside it is safe.
-    with named_errors("read", path), _open_result(path, "r", locking=False) as file:
+    # A run may be writing it; since it only adds rows, reading beside it is safe.
+    with named_errors("read", path), _open_result(path) as file:
         attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
         rows = {name: dataset[: attributes["saved"]] for name, dataset in histories(file).items()}
         diagnostics = {
@@ -312,12 +312,12 @@ def load(path: str | os.PathLike) -> Record:
     )
 
 
-def _open_result(path: Path, mode: str, **options) -> h5py.File:
+def _open_result(path: Path) -> h5py.File:
     if not path.is_file():
         raise StoreError(f"{path} does not exist.")
     if not h5py.is_hdf5(path):
         raise StoreError(f"{path} is not a jaxves result file.")
-    file = h5py.File(path, mode, **options)
+    file = opened(path, "r")
     schema = file.attrs.get("schema_version")
     if schema is None or "saved" not in file.attrs:
         file.close()

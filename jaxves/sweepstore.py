@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 
 from . import phases, status
-from .hdf5 import OpenFile, StoreError, named_errors, replacing
+from .hdf5 import OpenFile, StoreError, named_errors, opened, replacing
 from .ownership import check_in_place
 from .sweepfile import Plan, to_toml
 
@@ -280,7 +280,7 @@ def _datasets(file: h5py.File) -> list[str]:
 def is_sweep(path: str | os.PathLike) -> bool:
     """Whether this is the file of a sweep; False for whatever else, and for no file."""
     try:
-        with h5py.File(path, "r", locking=False) as file:
+        with opened(Path(path), "r") as file:
             return file.attrs.get("kind") == "sweep"
     except OSError:
         return False
@@ -293,7 +293,7 @@ def load(path: str | os.PathLike) -> SweepRecord:
         StoreError: no such file, not that of a sweep, or one of a later version.
     """
     path = Path(path)
-    with named_errors("read", path), _open(path, "r", locking=False) as file:
+    with named_errors("read", path), _open(path, "r") as file:
         attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
         attributes["sweep"] = file["sweep"].asstr()[()]
         dims = tuple(attributes["dims"])
@@ -329,7 +329,7 @@ class Known(NamedTuple):
 
 def progress(path: Path) -> Known:
     """How far the sweep has come; beside its writer."""
-    with named_errors("read", path), _open(path, "r", locking=False) as file:
+    with named_errors("read", path), _open(path, "r") as file:
         classes = file["class"][...].astype(str).ravel() if "class" in file else None
         return Known(file["status"][...].astype(str).ravel(), classes)
 
@@ -345,18 +345,18 @@ def history(path: str | os.PathLike, name: str, index: tuple[int, ...]) -> np.nd
     Raises:
         StoreError: not the file of a sweep, or one that keeps no such history.
     """
-    with named_errors("read", Path(path)), _open(Path(path), "r", locking=False) as file:
+    with named_errors("read", Path(path)), _open(Path(path), "r") as file:
         if f"history/{name}" not in file:
             raise StoreError(f"{path} keeps no history of {name}.")
         return file[f"history/{name}"][tuple(index)]
 
 
-def _open(path: Path, mode: str, **options) -> h5py.File:
+def _open(path: Path, mode: str) -> h5py.File:
     if not path.is_file():
         raise StoreError(f"{path} does not exist.")
     if not h5py.is_hdf5(path):
         raise StoreError(f"{path} is not the file of a sweep.")
-    file = h5py.File(path, mode, **options)
+    file = opened(path, mode)
     if file.attrs.get("kind") != "sweep":
         file.close()
         raise StoreError(f"{path} is not the file of a sweep.")

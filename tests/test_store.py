@@ -302,13 +302,30 @@ def test_a_killed_run_leaves_every_acknowledged_row(tmp_path, endless_run, seed)
     np.testing.assert_array_equal(leaves["x"], np.full((4, 2, 64, 2), saved))
 
 
-def test_a_run_can_be_read_but_not_resumed_while_it_is_going_on(tmp_path, endless_run):
+def test_a_run_can_be_read_while_it_is_going_on(tmp_path, endless_run):
+    """By this package, and by programs that lock what they read; neither disturbs the run."""
+    path = tmp_path / "run.h5"
     saved = [int(endless_run.stdout.readline()) for _ in range(3)][-1]
-    record = load(tmp_path / "run.h5")
+    record = load(path)
     assert len(record.t) >= saved
     np.testing.assert_array_equal(record.x[:, 1, 2, 0], np.arange(len(record.t)))
-    with pytest.raises(StoreError, match=r"cannot resume .*run\.h5"):
-        resume(tmp_path / "run.h5", SCENE, TIMES)
+    with xarray.open_datatree(path, engine="h5netcdf") as tree:
+        np.testing.assert_array_equal(tree["x"][:saved, 1, 2, 0], np.arange(saved))
+        assert tree["x"].sel(t=saved - 1.0).shape == (2, 64, 2)
+        later = int(endless_run.stdout.readline())
+    assert later > saved and len(load(path).t) >= later
+
+
+def test_a_file_that_another_program_has_open_can_be_continued(tmp_path, history):
+    path = tmp_path / "run.h5"
+    with new(path) as writer:
+        writer.append(rows(history, 0, 4), STATES[3])
+    with xarray.open_dataset(path, engine="h5netcdf") as data:
+        with resume(path, SCENE, TIMES)[0] as writer:
+            writer.append(rows(history, 4, 6), STATES[5])
+            writer.finish("complete", "", 1.0)
+        np.testing.assert_array_equal(data.x[:4], history["x"][:4])
+    assert_holds(load(path), history)
 
 
 FULL_DISK = """
