@@ -1,8 +1,8 @@
 """HDF5 below result files: files replaced as a whole, datasets with labels and room to fill.
 
 Names are netCDF's: the datasets `/t`, `/vesicle`, `/node`, `/xy` (and `/ab`, second axis of a tensor) are attached
-to the others as dimension scales, so that xarray and HDFView label the axes. `/diagnostics/t` is a link to `/t`, so
-that this group has its times when it is opened alone, too.
+to the others as dimension scales, so that xarray and HDFView label the axes. A group has soft
+links to the scales of its datasets, so that it has times and other coordinates when it is opened alone, too.
 """
 
 import os
@@ -122,13 +122,16 @@ def create_datasets(file: h5py.File, datasets: dict[str, Description], sizes: di
         file[dim].attrs.update(units="1", long_name=_SCALES[dim])
     for name, described in datasets.items():
         _label(file, file[name], described.units, described.long_name, described.dims)
-    link_times(file)
+    if "diagnostics" in file:
+        link_scales(file["diagnostics"])
 
 
-def link_times(file: h5py.File) -> None:
-    """Gives the group of diagnostics, if there is one, the times of the file."""
-    if "diagnostics" in file and "t" not in file["diagnostics"]:
-        file["diagnostics/t"] = h5py.SoftLink("/t")
+def link_scales(group: h5py.Group) -> None:
+    """Gives a group links to those scales of the root that its datasets are attached to."""
+    for dataset in datasets_below(group).values():
+        for dim in (axis[0].name.removeprefix("/") for axis in dataset.dims):
+            if dim not in group:
+                group[dim] = h5py.SoftLink(f"/{dim}")
 
 
 def _label(file: h5py.File, dataset: h5py.Dataset, units: str, long_name: str, dims) -> None:
@@ -144,11 +147,12 @@ def create_average(file: h5py.File, name: str, value) -> None:
     dims = [axis[0].name.removeprefix("/") for axis in of.dims][1:]
     dataset = file.create_dataset(f"averages/{name}", data=value)
     _label(file, dataset, of.attrs["units"], f"time average of {of.attrs['long_name']}", dims)
+    link_scales(file["averages"])
 
 
 def delete_averages(file: h5py.File) -> None:
     """Takes them out, to be made anew."""
-    for dataset in file["averages"].values():
+    for dataset in datasets_below(file["averages"]).values():
         for axis in dataset.dims:
             axis.detach_scale(axis[0])  # or the scale would go on referring to it
     del file["averages"]

@@ -32,9 +32,10 @@ from .hdf5 import (
     StoreError,
     create_average,
     create_datasets,
+    datasets_below,
     delete_averages,
     histories,
-    link_times,
+    link_scales,
     named_errors,
     opened,
     replacing,
@@ -273,7 +274,7 @@ def _reopen(file: h5py.File, scene_text: str, times: np.ndarray) -> None:
     """Makes room for the rows still to come, and takes out what only a run that has ended can say."""
     if file.attrs["schema_version"] == 1:
         restart.convert(file)
-        link_times(file)
+        link_scales(file["diagnostics"])
     for dataset in histories(file).values():
         dataset.resize(len(times), axis=0)
     saved = file.attrs["saved"]
@@ -301,7 +302,9 @@ def load(path: str | os.PathLike) -> Record:
         diagnostics = {
             name.removeprefix("diagnostics/"): rows[name] for name in rows if name.startswith("diagnostics/")
         }
-        averages = {name: dataset[()] for name, dataset in file["averages"].items()} if "averages" in file else None
+        averages = None
+        if "averages" in file:
+            averages = {name: dataset[()] for name, dataset in datasets_below(file["averages"]).items()}
     return Record(
         **{name: rows.get(name) for name in HISTORY},
         diagnostics=diagnostics,

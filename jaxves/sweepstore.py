@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 
 from . import phases, status
-from .hdf5 import OpenFile, StoreError, named_errors, opened, replacing
+from .hdf5 import OpenFile, StoreError, link_scales, named_errors, opened, replacing
 from .ownership import check_in_place
 from .sweepfile import Plan, to_toml
 
@@ -149,6 +149,8 @@ class SweepWriter(OpenFile):
             _create_scales(file, plan, sizes)
             for name, variable in variables.items():
                 _create(file, name, variable, plan)
+            if "history" in file:
+                link_scales(file["history"])
             words = np.full(prod(plan.shape), PENDING, _WORD)
             words[list(plan.refused)] = REFUSED.encode()
             file["status"][...] = words.reshape(plan.shape)
@@ -346,7 +348,7 @@ def history(path: str | os.PathLike, name: str, index: tuple[int, ...]) -> np.nd
         StoreError: not the file of a sweep, or one that keeps no such history.
     """
     with named_errors("read", Path(path)), _open(Path(path), "r") as file:
-        if f"history/{name}" not in file:
+        if f"history/{name}" not in _datasets(file):
             raise StoreError(f"{path} keeps no history of {name}.")
         return file[f"history/{name}"][tuple(index)]
 

@@ -20,7 +20,7 @@ DECLARED = {"jaxves": PROJECT["dependencies"], "dev": PROJECT["optional-dependen
 # Modules with another name than the distribution; `pydantic` requires exactly one release of `pydantic-core`.
 INSTALLED_BY = {"pydantic_core": "pydantic", "PIL": "pillow"}
 # JAX and xarray load these, the tests run these, and people fit with this.
-NOT_IMPORTED = {"jaxlib", "h5netcdf", "beartype", "ipykernel", "pytest-xdist", "ruff", "optax"}
+NOT_IMPORTED = {"jaxlib", "h5netcdf", "netCDF4", "beartype", "ipykernel", "pytest-xdist", "ruff", "optax"}
 
 
 def names(requirements):
