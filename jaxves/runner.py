@@ -95,7 +95,7 @@ class _Rows:
 
     def write(self) -> None:
         if self._waiting:
-            block = {name: np.concatenate([row[name] for row in self._waiting]) for name in self._waiting[0]}
+            block = {name: np.concatenate([row[name] for row in self._waiting]) for name in self.writer.names}
             restart = {} if self.start is None else _named(self.state) | self.start
             self.writer.append(block, restart)
             self._waiting = []

@@ -169,6 +169,11 @@ class Writer(OpenFile):
         self._free, self._valid = self._valid, self._free
         self.saved = saved
 
+    @property
+    def names(self) -> list[str]:
+        """What is saved of each time; a file of an earlier version may lack diagnostics that there are now."""
+        return list(self._rows)
+
     def diagnostics(self) -> dict[str, np.ndarray]:
         """The diagnostics of all saved times."""
         start = "diagnostics/"
