@@ -53,8 +53,15 @@ def _named(state: State) -> dict[str, np.ndarray]:
     return {jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf) for path, leaf in leaves}
 
 
-def _restored(template: State, leaves: dict[str, np.ndarray]) -> State:
+def _restored(template: State, leaves: dict[str, np.ndarray], path: Path) -> State:
     names = list(_named(template))
+    if sorted(leaves) != sorted(names):
+        found = store.load(path).attributes["version"]
+        other = ", ".join(sorted({*leaves} ^ {*names}))
+        raise store.StoreError(
+            f"{path} holds a state of jaxves {found}, which has other parts ({other}) than this version continues from:"
+            " continue it with that version, or start from its end with --from."
+        )
     state = jax.tree.unflatten(jax.tree.structure(template), [jnp.asarray(leaves[name]) for name in names])
     if int(state.status) != status.TOO_MANY_STEPS:
         return state
@@ -228,14 +235,16 @@ def _new(
 def _continued(scene_file: SceneFile, path: Path) -> _Begun:
     """At the last row of the file. Nodes are not sought and vesicles not relaxed again: the file has the start."""
     deformation = store.load(path).diagnostics.get("deformation_along_field", ())
-    writer, leaves = store.resume(path, to_toml(scene_file), saved_times(scene_file))
+    leaves = store.state(path)
     start = {name: leaves.pop(name) for name in (_START, _START_V_m) if name in leaves}
     given = jnp.asarray(start[_START]), jnp.asarray(start[_START_V_m]) if _START_V_m in start else None
     scene = eqx.tree_at(lambda s: (s.x, s.V_m), build(scene_file), given, is_leaf=lambda leaf: leaf is None)
     problem = strengthened(problem_of(Case(scene_file), scene))
-    rows = _Rows(writer, start)
+    state = _restored(problem.state, leaves, path)
+    # Until here the file is untouched, whatever fails or interrupts.
+    rows = _Rows(store.resume(path, to_toml(scene_file), saved_times(scene_file)), start)
     rows.deformation.extend(deformation)
-    rows.state = _restored(problem.state, leaves)
+    rows.state = state
     return _Begun(resolution_of(scene_file, problem), rows.state, rows)
 
 

@@ -42,7 +42,7 @@ from .hdf5 import (
 )
 from .ownership import check_in_place
 
-__all__ = ["HISTORY", "Description", "Record", "StoreError", "Writer", "load", "resume"]
+__all__ = ["HISTORY", "Description", "Record", "StoreError", "Writer", "load", "resume", "state"]
 
 SCHEMA_VERSION = 2
 
@@ -248,10 +248,23 @@ def _certify(file: h5py.File, links: dict[str, certificate.Link]) -> None:
     group.attrs.update(weakest=weak, digits=links[weak].digits)
 
 
-def resume(path: str | os.PathLike, scene_text: str, times: np.ndarray) -> tuple[Writer, dict[str, np.ndarray]]:
-    """A writer which goes on after the last saved row, and the arrays of the state to continue from, by name.
+def state(path: str | os.PathLike) -> dict[str, np.ndarray]:
+    """The arrays of the state that a run in this file continues from, by name; the file is left as it is.
 
-    A file of schema version 1 is brought to the present one.
+    Raises:
+        StoreError: not a result file, or one without a state.
+    """
+    path = Path(path)
+    with named_errors("resume", path), _open_result(path) as file:
+        valid, _ = restart.slots(file)
+        leaves = restart.leaves_in(valid)
+    if not leaves:
+        raise StoreError(f"{path} holds no state to resume from.")
+    return leaves
+
+
+def resume(path: str | os.PathLike, scene_text: str, times: np.ndarray) -> Writer:
+    """A writer which goes on after the last saved row. A file of schema version 1 is brought to the present one.
 
     Args:
         path: the file.
@@ -259,20 +272,16 @@ def resume(path: str | os.PathLike, scene_text: str, times: np.ndarray) -> tuple
         times: all saved times (T,) if the run reaches its end, those that the file has already first.
 
     Raises:
-        StoreError: not a result file, or one without a state.
+        StoreError: not a result file, one of a later version, or one that cannot be written.
     """
     path = Path(path)
     with named_errors("resume", path):
-        with _open_result(path) as file:
-            valid, _ = restart.slots(file)
-            leaves = restart.leaves_in(valid)
-        if not leaves:
-            raise StoreError(f"{path} holds no state to resume from.")
+        _open_result(path).close()
         with replacing(path, copy=True) as file:
             _reopen(file, scene_text, times)
     writer = Writer.__new__(Writer)
     writer._open(path)
-    return writer, leaves
+    return writer
 
 
 def _reopen(file: h5py.File, scene_text: str, times: np.ndarray) -> None:

@@ -173,6 +173,33 @@ def test_an_interrupted_run_may_be_continued_to_a_later_end(longer, tmp_path):
     assert stored(path) == stored(longer)
 
 
+def test_a_continuation_that_fails_or_is_interrupted_before_its_first_step_leaves_the_file_untouched(
+    longer, tmp_path, monkeypatch
+):
+    path = tmp_path / "run.h5"
+    shutil.copyfile(longer, path)
+    before = path.read_bytes()
+
+    def stopped(*arguments):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "problem_of", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            runner.run(pop(0.1, 10), path, resume=True)
+    assert path.read_bytes() == before
+    state = store.state
+
+    def older(path):
+        leaves = state(path)
+        return {name: leaf for name, leaf in leaves.items() if name != "last_error"} | {"gone": np.zeros(1)}
+
+    monkeypatch.setattr(store, "state", older)
+    with pytest.raises(StoreError, match=r"has other parts \(gone, last_error\) than .*--from\.$"):
+        runner.run(pop(0.1, 10), path, resume=True)
+    assert path.read_bytes() == before
+
+
 def test_every_state_of_a_file_opens_in_xarray_as_a_tree_with_times(longer, tmp_path):
     def opens(path, rows):
         for engine in ("h5netcdf", "netcdf4") if find_spec("netCDF4") else ("h5netcdf",):
@@ -189,7 +216,7 @@ def test_every_state_of_a_file_opens_in_xarray_as_a_tree_with_times(longer, tmp_
     assert runner.run(pop(0.06, 6), path, progress=Stops(3)) == "interrupted"
     opens(path, 4)
     # As a run leaves it that is killed once it has been continued.
-    store.resume(path, to_toml(pop(0.09, 9)), saved_times(pop(0.09, 9)))[0].close()
+    store.resume(path, to_toml(pop(0.09, 9)), saved_times(pop(0.09, 9))).close()
     opens(path, 4)
     assert runner.run(pop(0.09, 9), path, resume=True) == "complete"
     opens(path, 10)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxves.store import HISTORY, Description, StoreError, Writer, load, resume
+from jaxves.store import HISTORY, Description, StoreError, Writer, load, resume, state
 
 SCENE = 'β = 1\n"x" = 2'
 TIMES = np.linspace(0.0, 1.0, 6)
@@ -125,7 +125,7 @@ def test_a_resumed_run_goes_on_where_rows_and_state_agree(tmp_path, history, fin
         writer.append(rows(history, 2, 4), STATES[3])
         if finished:
             writer.finish("interrupted", "resume", 1.0, AVERAGES)
-    writer, leaves = resume(tmp_path / "run.h5", SCENE, TIMES)
+    leaves, writer = state(tmp_path / "run.h5"), resume(tmp_path / "run.h5", SCENE, TIMES)
     assert_same_leaves(leaves, STATES[3])
     with writer:
         record_while_running = writer.saved
@@ -144,7 +144,7 @@ def test_a_state_may_change_its_shapes(tmp_path, history):
     with new(tmp_path / "run.h5") as writer:
         writer.append(rows(history, 0, 4), STATES[3])
         writer.append(rows(history, 4, 5), finer)
-    writer, leaves = resume(tmp_path / "run.h5", SCENE, TIMES)
+    leaves, writer = state(tmp_path / "run.h5"), resume(tmp_path / "run.h5", SCENE, TIMES)
     writer.close()
     assert_same_leaves(leaves, finer)
     assert_holds(load(tmp_path / "run.h5"), rows(history, 0, 5))
@@ -157,7 +157,7 @@ def test_a_row_without_its_commit_does_not_count(tmp_path, history):
             writer.append(rows(history, k, k + 1), STATES[k])
     with h5py.File(tmp_path / "run.h5", "r+") as file:
         file.attrs.modify("saved", 3)
-    writer, leaves = resume(tmp_path / "run.h5", SCENE, TIMES)
+    leaves, writer = state(tmp_path / "run.h5"), resume(tmp_path / "run.h5", SCENE, TIMES)
     with writer:
         assert writer.saved == 3
         assert_same_leaves(leaves, STATES[2])
@@ -222,7 +222,7 @@ def test_other_files_are_refused_in_one_line(tmp_path):
     assert "later.h5 has schema version 3" in complaint(tmp_path / "later.h5")
     with pytest.raises(StoreError, match="holds no state"):
         new(tmp_path / "empty.h5").close()
-        resume(tmp_path / "empty.h5", SCENE, TIMES)
+        state(tmp_path / "empty.h5")
     with pytest.raises(StoreError, match="cannot write"):
         new(tmp_path / "no such folder" / "run.h5")
 
@@ -296,7 +296,7 @@ def test_a_killed_run_leaves_every_acknowledged_row(tmp_path, endless_run, seed)
             found = file[name][:saved]
             expected = np.arange(saved).reshape([-1] + [1] * (found.ndim - 1))
             np.testing.assert_array_equal(found, np.broadcast_to(expected, found.shape))
-    writer, leaves = resume(tmp_path / "run.h5", SCENE, TIMES)
+    leaves, writer = state(tmp_path / "run.h5"), resume(tmp_path / "run.h5", SCENE, TIMES)
     writer.close()
     assert leaves["steps"] == saved
     np.testing.assert_array_equal(leaves["x"], np.full((4, 2, 64, 2), saved))
@@ -321,7 +321,7 @@ def test_a_file_that_another_program_has_open_can_be_continued(tmp_path, history
     with new(path) as writer:
         writer.append(rows(history, 0, 4), STATES[3])
     with xarray.open_dataset(path, engine="h5netcdf") as data:
-        with resume(path, SCENE, TIMES)[0] as writer:
+        with resume(path, SCENE, TIMES) as writer:
             writer.append(rows(history, 4, 6), STATES[5])
             writer.finish("complete", "", 1.0)
         np.testing.assert_array_equal(data.x[:4], history["x"][:4])

@@ -35,7 +35,7 @@ def killed(path):
 
 def killed_twice(path):
     killed(path)
-    with store.resume(path, "", TIMES)[0] as writer:
+    with store.resume(path, "", TIMES) as writer:
         writer.append(block(4, 5), STATES[4])
 
 
@@ -48,7 +48,7 @@ def interrupted(path):
 
 def resumed(path):
     interrupted(path)
-    with store.resume(path, "", TIMES)[0] as writer:
+    with store.resume(path, "", TIMES) as writer:
         writer.append(block(4, 6), STATES[5])
         writer.finish("complete", "", 1.0, AVERAGES)
 
