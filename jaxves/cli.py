@@ -21,6 +21,7 @@ from . import (
     sweepstore,
     sweepsummary,
 )
+from .ownership import refuse_written
 from .pictures import Picture
 from .scenefile import SceneError, builtin_names, load
 from .store import Record, StoreError
@@ -102,6 +103,7 @@ def run(
             raise console.refused("--from is for a new run: a result file has its own start, --resume needs no other.")
         if at is not None and start is None:
             raise console.refused(f"--at = {at}, expected --from FILE with it.")
+        refuse_written(out)
         if resume and continuation.is_done(out, scene_file):
             console.out.print(f"{out} is done ({store.load(out).status}): there is nothing to resume.")
             return
@@ -135,9 +137,12 @@ def sweep(
     by_hand = (coordinator, processes, process)
     if any(part is not None for part in by_hand) and None in by_hand:
         raise console.refused("--coordinator, --processes and --process belong together: give all of them.")
+    is_alone = coordinator is None and not distributed
     try:
         sweepfile.load(file)
-    except SceneError as error:
+        if is_alone:
+            refuse_written(out)
+    except (SceneError, StoreError) as error:
         raise console.refused(error) from None
     if not resume and (process or 0) == 0 and not distributed:
         console.refuse_existing([out], force, "use --force to replace it or --resume to continue it")

@@ -34,7 +34,10 @@ def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> i
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=err, transient=True) as bar, _interrupted(limit) as found:
+    with (
+        Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar,
+        _interrupted(limit) as found,
+    ):
         task = bar.add_task("starting", total=scene_file.t_end)
 
         def show(t: float, text: str) -> None:
@@ -70,7 +73,13 @@ def sweep(file: Path, results: Path, limit: float | None, **how) -> SweepRecord 
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    bars = Progress(*columns, console=err, transient=True, disable=not team.is_first(), speed_estimate_period=600)
+    bars = Progress(
+        *columns,
+        console=err,
+        transient=True,
+        disable=not (team.is_first() and err.is_terminal),
+        speed_estimate_period=600,
+    )
     with bars as bar, _interrupted(limit) as found:
         task = bar.add_task("compiling", total=None, rate="")
         there = []

@@ -6,21 +6,27 @@ cannot carry the lock, because a complete new file replaces it at the start and 
 """
 
 import errno
-import fcntl
 import itertools
 import os
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import h5py
+
+try:
+    import fcntl
+except ImportError:  # Windows, where nobody can remove or replace a file that is open
+    fcntl = None
+    import msvcrt
 
 from .hdf5 import StoreError, named_errors
 
 _PATIENCE = 0.5  # seconds; `writer_of` holds the lock for an instant
 _BLOCK = 2**20
+_BEYOND = 2**30  # the byte that is locked on Windows, where one cannot read what is locked
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 
 
@@ -49,8 +55,19 @@ def writing(path: Path) -> Iterator[None]:
         yield
     finally:
         # The name goes first: whoever has opened the file meanwhile sees that it is no longer the lock.
-        _lock_of(path).unlink(missing_ok=True)
+        with suppress(PermissionError):  # Windows
+            _lock_of(path).unlink(missing_ok=True)
         os.close(descriptor)
+
+
+def refuse_written(path: str | os.PathLike) -> None:
+    """Raises StoreError if a process writes the file; a quick answer, which `writing` gives surely."""
+    if (who := writer_of(Path(path))) is not None:
+        raise _taken(real(path), who)
+
+
+def _taken(path: Path, who: str) -> StoreError:
+    return StoreError(f"{path} is being written by another run ({who}): wait for it, stop it, or choose another --out.")
 
 
 def writer_of(path: Path) -> str | None:
@@ -60,14 +77,11 @@ def writer_of(path: Path) -> str | None:
     except OSError:
         return None
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return _who(descriptor)
+        return None if _got_lock(descriptor, shared=True) else _who(descriptor)
     except OSError:
         return None
     finally:
         os.close(descriptor)
-    return None
 
 
 def check_in_place(file: h5py.File, path: Path) -> None:
@@ -76,8 +90,7 @@ def check_in_place(file: h5py.File, path: Path) -> None:
     Raises:
         LostFile: it is not. The content of the open file has been copied to a free name beside it.
     """
-    descriptor = file.id.get_vfd_handle()
-    if _is_at(descriptor, path):
+    if fcntl is None or _is_at(descriptor := file.id.get_vfd_handle(), path):
         return
     file.flush()
     kept = _copied(descriptor, path)
@@ -94,25 +107,38 @@ def _locked(path: Path) -> int:
     while True:
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            free = _got_lock(descriptor)
+        except OSError as error:
+            free = error.errno in _NO_LOCKS
+            if not free:
+                os.close(descriptor)
+                raise
+        if not free:
             who = _who(descriptor)
             os.close(descriptor)
             if time.monotonic() > end:
-                raise StoreError(
-                    f"{path} is being written by another run ({who}): wait for it, stop it, or choose another --out."
-                ) from None
+                raise _taken(path, who)
             time.sleep(0.05)
             continue
-        except OSError as error:
-            if error.errno not in _NO_LOCKS:
-                os.close(descriptor)
-                raise
         if _is_at(descriptor, lock):
             os.ftruncate(descriptor, 0)
+            os.lseek(descriptor, 0, os.SEEK_SET)
             os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
             return descriptor
         os.close(descriptor)  # its holder removed it just now
+
+
+def _got_lock(descriptor: int, shared: bool = False) -> bool:
+    """Takes the lock of an open file if it is free; closing the file gives it back. OSError where there are none."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        else:
+            os.lseek(descriptor, _BEYOND, os.SEEK_SET)
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    except (BlockingIOError, PermissionError):
+        return False
+    return True
 
 
 def _is_at(descriptor: int, path: Path) -> bool:
@@ -123,7 +149,8 @@ def _is_at(descriptor: int, path: Path) -> bool:
 
 
 def _who(descriptor: int) -> str:
-    return os.pread(descriptor, 200, 0).decode(errors="replace") or "just started"
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    return os.read(descriptor, 200).decode(errors="replace") or "just started"
 
 
 def _copied(descriptor: int, path: Path) -> Path:
