@@ -11,6 +11,8 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
+from .hdf5 import StoreError, refuse_special
+
 BAD_INPUT, BROKE_DOWN, INTERRUPTED, TERMINATED = 2, 3, 130, 143
 
 
@@ -51,9 +53,11 @@ def refused(message: object) -> typer.Exit:
 def refuse_existing(paths: list[Path], force: bool, remedy: str = "use --force to replace it") -> None:
     """Before anything slow: files that are there already, or could not be written."""
     for path in paths:
+        try:
+            refuse_special(path)
+        except StoreError as error:
+            raise refused(error) from None
         if path.exists() and not force:
             raise refused(f"{path} exists already: {remedy}.")
-        if path.is_dir():
-            raise refused(f"{path} is a folder, expected the name of a file.")
         if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
             raise refused(f"{path.parent} is not a folder that can be written to.")

@@ -82,9 +82,22 @@ class OpenFile:
         self.close()
 
 
+def refuse_special(path: Path) -> None:
+    """Raises StoreError for what is there and no file: a folder, or a device such as /dev/null."""
+    if path.is_dir():
+        raise StoreError(f"{path} is a folder, expected the name of a file.")
+    if path.exists() and not path.is_file():
+        raise StoreError(f"{path} is no ordinary file, expected the name of one.")
+
+
 @contextmanager
 def replacing(path: Path, copy: bool = False) -> Iterator[h5py.File]:
-    """A new file, or a copy of the old one, which takes the name `path` once it is complete and on the disk."""
+    """A new file, or a copy of the old one, which takes the name `path` once it is complete and on the disk.
+
+    Raises:
+        StoreError: the name is that of a folder, a device or the like, which nothing may replace.
+    """
+    refuse_special(path)
     part = path.with_name(path.name + ".part")
     try:
         if copy:

@@ -22,7 +22,7 @@ except ImportError:  # Windows, where nobody can remove or replace a file that i
     fcntl = None
     import msvcrt
 
-from .hdf5 import StoreError, named_errors
+from .hdf5 import StoreError, named_errors, refuse_special
 
 _PATIENCE = 0.5  # seconds; `writer_of` holds the lock for an instant
 _BLOCK = 2**20
@@ -49,6 +49,7 @@ def writing(path: Path) -> Iterator[None]:
     Raises:
         StoreError: another run writes the file, or its folder cannot be written.
     """
+    refuse_special(path)
     with named_errors("write", path):
         descriptor = _locked(path)
     try:
@@ -61,7 +62,8 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def refuse_written(path: str | os.PathLike) -> None:
-    """Raises StoreError if a process writes the file; a quick answer, which `writing` gives surely."""
+    """Raises StoreError if a process writes the file, or if it is no file; a quick answer that `writing` makes sure."""
+    refuse_special(Path(path))
     if (who := writer_of(Path(path))) is not None:
         raise _taken(real(path), who)
 

@@ -38,6 +38,7 @@ from .hdf5 import (
     link_scales,
     named_errors,
     opened,
+    refuse_special,
     replacing,
 )
 from .ownership import check_in_place
@@ -330,7 +331,8 @@ def load(path: str | os.PathLike) -> Record:
 
 
 def _open_result(path: Path) -> h5py.File:
-    if not path.is_file():
+    refuse_special(path)
+    if not path.exists():
         raise StoreError(f"{path} does not exist.")
     if not h5py.is_hdf5(path):
         raise StoreError(f"{path} is not a jaxves result file.")

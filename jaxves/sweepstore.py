@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 
 from . import phases, status
-from .hdf5 import OpenFile, StoreError, link_scales, named_errors, opened, replacing
+from .hdf5 import OpenFile, StoreError, link_scales, named_errors, opened, refuse_special, replacing
 from .ownership import check_in_place
 from .sweepfile import Plan, to_toml
 
@@ -281,6 +281,8 @@ def _datasets(file: h5py.File) -> list[str]:
 
 def is_sweep(path: str | os.PathLike) -> bool:
     """Whether this is the file of a sweep; False for whatever else, and for no file."""
+    if not Path(path).is_file():
+        return False
     try:
         with opened(Path(path), "r") as file:
             return file.attrs.get("kind") == "sweep"
@@ -354,7 +356,8 @@ def history(path: str | os.PathLike, name: str, index: tuple[int, ...]) -> np.nd
 
 
 def _open(path: Path, mode: str) -> h5py.File:
-    if not path.is_file():
+    refuse_special(path)
+    if not path.exists():
         raise StoreError(f"{path} does not exist.")
     if not h5py.is_hdf5(path):
         raise StoreError(f"{path} is not the file of a sweep.")

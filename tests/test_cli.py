@@ -16,7 +16,7 @@ import pytest
 import xarray
 from conftest import stored
 
-from jaxves import store
+from jaxves import runner, store
 from jaxves.cli import answer
 from jaxves.scenefile import parse
 
@@ -122,6 +122,23 @@ def test_what_is_no_result_file_is_refused(tmp_path):
     for path in (text, foreign):
         for command in (["show", path], ["plot", path], ["run", "pop", "--out", path, "--resume"]):
             assert_refused(call(*command), str(path), "not a jaxves result file")
+
+
+@pytest.mark.parametrize("out", [".", "", "..", "/", "folder", "device", "link"])
+@pytest.mark.parametrize("how", [[], ["--force"], ["--resume"]])
+def test_what_is_there_and_no_file_is_never_replaced(tmp_path, monkeypatch, out, how):
+    """Root could replace /dev/null itself."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "device")
+    (tmp_path / "link").symlink_to("folder")
+    before = sorted(tmp_path.iterdir())
+    words = "is no ordinary file" if out == "device" else "is a folder"
+    assert_refused(call("run", "pop", "--out", out, *how), words, "expected the name of")
+    assert_refused(call("show", out), words)
+    with pytest.raises(store.StoreError, match=words):
+        runner.run(parse(tomllib.loads(SCENE)), out, force=how == ["--force"], resume=how == ["--resume"])
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_an_existing_file_is_left_alone_without_force(tmp_path):
