@@ -16,6 +16,7 @@ from . import (
     interrupts,
     longwork,
     pictures,
+    status,
     store,
     sweepfile,
     sweepstore,
@@ -105,7 +106,9 @@ def run(
             raise console.refused(f"--at = {at}, expected --from FILE with it.")
         refuse_written(out)
         if resume and continuation.is_done(out, scene_file):
-            console.out.print(f"{out} is done ({store.load(out).status}): there is nothing to resume.")
+            word = store.load(out).status
+            met = "" if word == status.WORDS[status.COMPLETE] else " Its stop condition is met; --from goes on from it."
+            console.out.print(f"{out} is done ({word}): there is nothing to resume.{met}", markup=False)
             return
     except (SceneError, StoreError) as error:
         raise console.refused(error) from None

@@ -107,7 +107,7 @@ def _lock_of(path: Path) -> Path:
 def _locked(path: Path) -> int:
     lock, end = _lock_of(path), time.monotonic() + _PATIENCE
     while True:
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor, is_own = _opened_lock(lock)
         try:
             free = _got_lock(descriptor)
         except OSError as error:
@@ -122,12 +122,22 @@ def _locked(path: Path) -> int:
                 raise _taken(path, who)
             time.sleep(0.05)
             continue
-        if _is_at(descriptor, lock):
+        if not is_own:
+            lock.unlink(missing_ok=True)
+        elif _is_at(descriptor, lock):
             os.ftruncate(descriptor, 0)
             os.lseek(descriptor, 0, os.SEEK_SET)
             os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
             return descriptor
         os.close(descriptor)  # its holder removed it just now
+
+
+def _opened_lock(lock: Path) -> tuple[int, bool]:
+    """The lock file, made if there is none; and whether it may be written, as one that another user left may not."""
+    try:
+        return os.open(lock, os.O_RDWR | os.O_CREAT, 0o666), True
+    except PermissionError:
+        return os.open(lock, os.O_RDONLY), False
 
 
 def _got_lock(descriptor: int, shared: bool = False) -> bool:

@@ -9,6 +9,7 @@ import threading
 import time
 import tomllib
 import types
+from pathlib import Path
 
 import h5py
 import jax.numpy as jnp
@@ -155,6 +156,30 @@ def test_a_command_is_refused_before_anything_slow_is_imported(finished, holder,
         done = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=True)
         assert done.stdout == "2 False\n" and done.stderr.count("\n") == 1
         assert f"being written by another run (process {holder.pid} on " in done.stderr
+
+
+@pytest.mark.parametrize("alive", [False, True])
+def test_a_lock_file_of_another_user_blocks_no_one_unless_that_one_still_writes(tmp_path, holder, monkeypatch, alive):
+    path, opens = tmp_path / "out.h5", os.open
+    mine = tmp_path / ".out.h5.lock"
+    if not alive:
+        holder.kill()
+        holder.wait()
+    others = mine.stat().st_ino
+
+    def refused(name, flags, *mode):
+        if Path(name) == mine and mine.exists() and mine.stat().st_ino == others and flags & os.O_RDWR:
+            raise PermissionError(13, "Permission denied")
+        return opens(name, flags, *mode)
+
+    monkeypatch.setattr(os, "open", refused)
+    if alive:
+        with pytest.raises(StoreError, match=f"another run .process {holder.pid} on"), writing(path):
+            pass
+    else:
+        with writing(path):
+            assert writer_of(path).startswith(f"process {os.getpid()} on ")
+        assert names(tmp_path) == []
 
 
 def test_on_windows_there_is_one_writer_as_well(tmp_path, monkeypatch):
@@ -382,7 +407,7 @@ def test_a_run_that_met_its_stop_condition_is_not_extended(tmp_path):
     assert call("run", tmp_path / "short.toml", "--out", out)[0] == 0
     before = out.read_bytes()
     code, said, _ = call("run", tmp_path / "long.toml", "--out", out, "--resume")
-    assert code == 0 and "is done (steady): there is nothing to resume" in said
+    assert code == 0 and "is done (steady): there is nothing to resume. Its stop condition is met; --from" in said
     assert out.read_bytes() == before
 
 
