@@ -20,22 +20,29 @@ from .console import say
 _BEGAN = time.monotonic()  # about when the command started
 _RESERVE = 60.0  # seconds before the limit of time at which the work is interrupted, at most
 _SHARE = 0.1  # of that limit, at most
+_GRACE = 1.0  # seconds to hear a limit that is over already
 _FILES = ("store.py", "sweepstore.py", "hdf5.py", "restart.py", "ownership.py")
 _UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86400}
 WANTED = "a positive time: seconds as 5400, a number with a unit as 90m or 1.5h, or a clock as 1:30:00 or 2-12:00:00"
 
 
 class Interrupts:
-    """The signals that were heard, in order, and whether the limit of time was reached."""
+    """The signals that were heard, in order, whether they interrupted the work, and whether its limit was reached."""
 
     def __init__(self):
         self.signals: list[int] = []
         self.time_is_up = False
+        self.has_interrupted = False
 
     def check(self) -> None:
         """Raises KeyboardInterrupt after a signal that could not raise it where it came."""
         if self.signals:
-            raise KeyboardInterrupt
+            self.interrupt()
+
+    def interrupt(self) -> None:
+        """Raises KeyboardInterrupt."""
+        self.has_interrupted = True
+        raise KeyboardInterrupt
 
     @property
     def exit_status(self) -> int:
@@ -77,7 +84,7 @@ def heard(limit: float | None = None) -> Iterator[Interrupts]:
         found.signals.append(signum)
         folder, name = os.path.split(frame.f_code.co_filename) if frame is not None else ("", "")
         if len(found.signals) == 1 and folder == here and name not in _FILES:
-            raise KeyboardInterrupt
+            found.interrupt()
 
     before = {signum: signal.signal(signum, hear) for signum in (signal.SIGINT, signal.SIGTERM)}
     timers = [] if limit is None else _timers(limit, found)
@@ -91,21 +98,21 @@ def heard(limit: float | None = None) -> Iterator[Interrupts]:
 
 
 def _timers(limit: float, found: Interrupts) -> list[threading.Timer]:
-    """They interrupt the work a while before its limit, and end the process at the limit if it has not heard that."""
+    """They interrupt the work a while before its limit, and end the process at the limit if that has had no effect."""
 
     def interrupt():
         found.time_is_up = True
         _thread.interrupt_main()
 
     def end():
-        if not found.signals:
+        if not found.has_interrupted:
             say("stopped by --max-time while a program was compiled; what the file has is kept.")
             os._exit(found.exit_status)
 
     left = limit - (time.monotonic() - _BEGAN)
     timers = [
         threading.Timer(max(left - min(_RESERVE, _SHARE * limit), 0.0), interrupt),
-        threading.Timer(max(left, 0.0), end),
+        threading.Timer(max(left, _GRACE), end),
     ]
     for timer in timers:
         timer.daemon = True
