@@ -44,6 +44,8 @@ _LAYERS = {
     "certificate": (),
     "lanes": (),
     # geometry
+    "outline_files": (),
+    "outline_fit": (),
     "outlines": (),
     "curve": ("Curve",),
     "shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points"),

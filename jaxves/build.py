@@ -52,7 +52,7 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
         case CircleVesicle():
             x = shapes.rotated(shapes.circle(N, length=vesicle.length), angle)
         case PointsVesicle():
-            x = _resampled(N, outlines.smooth(np.array(vesicle.points)), angle, vesicle.length)
+            x = _resampled(N, outlines.smooth(np.array(vesicle.points), vesicle.modes), angle, vesicle.length)
     if isinstance(vesicle, DeformableVesicle) and vesicle.disturbance is not None:
         x = shapes.disturbed(x, vesicle.disturbance)
     return x + jnp.stack([as_float(component) for component in vesicle.center])

@@ -50,6 +50,11 @@ MaxTime = Annotated[
 
 def answer(arguments: list[str]) -> int:
     """Runs one command; returns its exit status. All complaints are one line."""
+    with console.warnings_in_one_line():
+        return _answered(arguments)
+
+
+def _answered(arguments: list[str]) -> int:
     try:
         return app(arguments or ["--help"], prog_name="jaxves", standalone_mode=False) or 0
     except _UsageError as error:

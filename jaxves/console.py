@@ -6,12 +6,16 @@ Exit status: 0 done, 2 bad input, 3 broke down, 130 interrupted by Ctrl-C or --m
 import io
 import os
 import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import typer
 from rich.console import Console
 
 from .hdf5 import StoreError, refuse_special
+from .outlines import OutlineNoise
 
 BAD_INPUT, BROKE_DOWN, INTERRUPTED, TERMINATED = 2, 3, 130, 143
 
@@ -61,3 +65,20 @@ def refuse_existing(paths: list[Path], force: bool, remedy: str = "use --force t
             raise refused(f"{path} exists already: {remedy}.")
         if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
             raise refused(f"{path.parent} is not a folder that can be written to.")
+
+
+@contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Shows warnings of this package as one line each."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", OutlineNoise)
+        others = warnings.showwarning
+
+        def show(message, category, *where, **more):
+            if issubclass(category, OutlineNoise):
+                say(f"warning: {message}")
+            else:
+                others(message, category, *where, **more)
+
+        warnings.showwarning = show
+        yield

@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from . import curve, fourier, outlines
-from .arguments import is_known, refusal, require, require_nodes
+from .arguments import is_known, refusal, require, require_count, require_nodes
 from .arrays import NodePoints, Scalar, ScalarLike, as_float
 from .bounds import FINITE, POSITIVE, REDUCED_AREA, Bounds
 
@@ -171,18 +171,32 @@ def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
     return x + as_float(amplitude) * (wave[:, None] * outline.normal + along[:, None] * outline.tangent)
 
 
-def through_points(points: Float[np.ndarray, "K 2"], N: int, *, length: float = 1.0) -> NodePoints:
+def through_points(points: ArrayLike, N: int, *, length: float = 1.0, modes: int | None = None) -> NodePoints:
     """A smooth closed curve through points in order, as nodes; clockwise points are turned round.
 
-    A periodic quintic spline over chord length, resampled. Not differentiable in the points: take
-    derivatives with respect to the nodes it returns.
+    A periodic quintic spline over chord length, resampled; or, near noisy points, the curve with `modes` Fourier modes.
+    Without `modes` their number is chosen from the noise of the points, with a warning (`outlines.OutlineNoise`).
+    Not differentiable in the points: take derivatives with respect to the nodes it returns.
+
+    Raises:
+        ValueError: points of another shape than (K, 2), too few, not finite, coinciding, or of a curve that crosses
+            itself; a known number out of its bounds.
     """
-    points = np.asarray(points, dtype=float)
-    x, y = points.T
-    if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
-        points = points[::-1]
-    fine = outlines.smooth(points)
-    return scaled(equispaced(as_float(fine), N), length)
+    require_nodes("N", N)
+    require("length", length, POSITIVE)
+    if modes is not None:
+        require_count("modes", modes)
+    try:
+        array = np.asarray(points, dtype=float)
+    except (TypeError, ValueError):
+        raise refusal("points", points, "an array (K, 2) of numbers") from None
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ValueError(f"points must have shape (K, 2), but have {array.shape}.")
+    try:
+        outline = outlines.prepared(array, modes)
+    except ValueError as error:
+        raise ValueError(f"points of shape {array.shape}, expected {error}.") from None
+    return scaled(equispaced(as_float(outlines.smooth(*outline)), N), length)
 
 
 def equispaced(x: Float[Array, "K 2"], N: int) -> NodePoints:

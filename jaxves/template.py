@@ -9,7 +9,8 @@ saves = 200                  # equally spaced, besides t = 0
 # average = [0.5, 1.0]       # window of the time averages
 
 [[vesicle]]                  # one or more
-shape = "ellipse"            # or "circle", or "points" with file = "shape.csv"
+shape = "ellipse"            # or "circle", or "points" with file = "shape.csv"; then
+# modes = 8                  # Fourier modes kept of a noisy outline; flip_y = true for images, whose y points down
 reduced_area = 0.9           # Δ = 4π area / perimeter², in (0, 1]
 angle = 90.0                 # of the major axis, from x
 center = [0.0, 0.0]

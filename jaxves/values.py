@@ -5,11 +5,10 @@ import math
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import AfterValidator, Field
 
-from . import bounds, outlines
-from .tables import Expect, number, refusal
+from . import bounds
+from .tables import Expect, number
 
 
 def _if(holds: Callable[[Any], bool]) -> AfterValidator:
@@ -27,13 +26,6 @@ def _unit(value: tuple[float, float]) -> tuple[float, float]:
         raise ValueError
     # A unit vector stays as it is, to the last bit.
     return value if abs(size - 1) < 1e-15 else (value[0] / size, value[1] / size)
-
-
-def _curve(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    try:
-        return tuple(map(tuple, outlines.counter_clockwise(np.reshape(value, (-1, 2))).tolist()))
-    except ValueError as error:
-        raise refusal(str(error)) from None
 
 
 def _increasing(value: tuple[float, ...]) -> bool:
@@ -76,4 +68,4 @@ Gradient = Annotated[
     _if(_trace_free),
     Expect("a trace-free gradient [[a, b], [c, -a]] of finite numbers"),
 ]
-PointList = Annotated[tuple[Pair, ...], _ARRAY, Expect("a list of points [x, y]"), AfterValidator(_curve)]
+PointList = Annotated[tuple[Pair, ...], _ARRAY, Expect("a list of points [x, y]")]

@@ -8,8 +8,10 @@ import numpy as np
 from pydantic import model_validator
 
 from . import outlines
+from .outline_files import SUFFIXES, read_outline
 from .tables import Table, refusal
 from .values import (
+    Count,
     Finite,
     Flag,
     NotNegative,
@@ -77,12 +79,17 @@ class CircleVesicle(VesicleTable):
 class PointsVesicle(DeformableVesicle):
     """A smooth closed curve through points, scaled to the length; clockwise ones are turned round.
 
-    `file` is read at once and becomes `points`: a scene written back does not depend on other files.
+    `file` is read at once and becomes `points`: a scene written back does not depend on other files. Where the points
+    carry noise, as those of a microscope do, only some Fourier modes of the outline are kept: `modes` says how many.
+    Without it their number is chosen from the noise and written to `modes`, with a warning. `flip_y` turns an image,
+    whose y axis points down, upright; points are flipped at once, and written back with `flip_y` false.
     """
 
     shape: Literal["points"] = "points"
-    file: Text | None = None  # .csv, .txt or .npy, relative to the scene file
+    file: Text | None = None  # .csv, .txt, .tsv, .dat or .npy, relative to the scene file
     points: PointList | None = None
+    modes: Count | None = None  # of the outline; without it all, or as many as noisy points support
+    flip_y: Flag = False
 
     @model_validator(mode="before")
     @classmethod
@@ -91,15 +98,36 @@ class PointsVesicle(DeformableVesicle):
             return values
         file = values.get("file")
         if (file is None) == (values.get("points") is None):
-            raise refusal("the name of a .csv, .txt or .npy file, or else points = [[x, y], …]", "file", file)
-        if not isinstance(file, str):
-            return values
+            wanted = f"the name of a {', '.join(SUFFIXES)} file, or else points = [[x, y], …]"
+            raise refusal(wanted, "file", file)
+        key = "points" if file is None else "file"
         try:
-            points = outlines.read_points((info.context or {}).get("folder", Path()) / file)
-            points = outlines.counter_clockwise(points)
+            if file is None:
+                points, lines = _as_array(values["points"]), None
+            else:
+                points, lines = read_outline((info.context or {}).get("folder", Path()) / file)
+            modes, flip = values.get("modes"), values.get("flip_y", False)
+            if (
+                points is None
+                or not (modes is None or (type(modes) is int and modes > 0))
+                or not isinstance(flip, bool)
+            ):
+                return values  # what is wrong is said by the types of the keys
+            outline = outlines.prepared(points * [1.0, -1.0] if flip else points, modes, lines)
         except ValueError as error:
-            raise refusal(str(error), "file", file) from None
-        return {key: value for key, value in values.items() if key != "file"} | {"points": points.tolist()}
+            raise refusal(str(error), key, values[key]) from None
+        found = {"points": outline.points.tolist(), "modes": outline.modes, "flip_y": False}
+        return {key: value for key, value in values.items() if key != "file"} | found
 
     def polygon(self):
-        return outlines.Polygon(outlines.smooth(np.array(self.points)))
+        return outlines.Polygon(outlines.smooth(np.array(self.points), self.modes))
+
+
+def _as_array(points: Any) -> np.ndarray | None:
+    """Points as an array (K, 2), or None where they are none."""
+    try:
+        array = np.array(points)
+    except ValueError:
+        return None
+    good = array.ndim == 2 and array.shape[1] == 2 and array.dtype.kind in "iuf"
+    return array.astype(float) if good else None

@@ -74,8 +74,6 @@ def test_ellipse_has_the_reduced_area_and_perimeter_asked_for(reduced_area):
         np.testing.assert_allclose(curve.inclination(c), 0.3, atol=1e-10)
 
 
-
-
 @pytest.mark.parametrize("reduced_area", [0.001, -1.0, np.nan])
 def test_an_ellipse_that_does_not_exist_is_refused_or_where_traced_not_a_number(reduced_area):
     with pytest.raises(ValueError, match="reduced_area = "):

@@ -206,12 +206,12 @@ def figure_of_eight():
     ("points", "words"),
     [
         (star(7), "at least 8 points"),
-        (np.vstack([star(), star()[:1]]), "points 0 and 40 coincide"),
-        (np.where(np.arange(40)[:, None] == 3, np.nan, star()), "point 3"),
+        (np.insert(star(), 20, star()[3], axis=0), "line 4 and line 21 coincide"),
+        (np.where(np.arange(40)[:, None] == 3, np.nan, star()), "line 4"),
         (figure_of_eight(), "cross itself"),
-        (np.hstack([star(), star()]), "K x 2"),
-        (np.full((9, 2), "x"), "K x 2"),
-        (np.zeros((0, 2)), "at least 8 points"),
+        (np.hstack([star(), star()]), "the two columns x and y, not 4"),
+        (np.full((9, 2), "x"), "two numbers on line 2"),
+        (np.zeros((0, 2)), "found none"),
     ],
 )
 def test_points_that_are_no_closed_curve_are_refused(tmp_path, points, words):
