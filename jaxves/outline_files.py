@@ -29,6 +29,7 @@ def read_outline(path: Path) -> OutlineFile:
     """The points of a file; raises ValueError that says what to change, with the line."""
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"the name of a {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file")
+    kind = "a .npy file of K x 2 numbers" if path.suffix.lower() == ".npy" else "a text file of numbers"
     try:
         if path.suffix.lower() == ".npy":
             return OutlineFile(_array(np.load(path, allow_pickle=False)), None)
@@ -36,7 +37,7 @@ def read_outline(path: Path) -> OutlineFile:
     except OSError as error:
         raise ValueError(f"a readable file ({error.strerror or 'not such a file'})") from None
     except (ValueError, EOFError) as error:
-        raise ValueError(f"a .npy file of K x 2 numbers ({' '.join(str(error).split())})") from None
+        raise ValueError(f"{kind} ({' '.join(str(error).split())})") from None
     return _parsed(text)
 
 

@@ -24,6 +24,7 @@ _FEW_TURNS = 3  # while modes are added one by one
 _FEWEST = 48  # points in which noise can be seen
 _MOST = 64  # modes that are tried
 _WINDOWS = 60  # half a moving average has this part of the points
+_PATIENCE = 12  # modes without a better score, after which none is expected
 _SHARE = 3  # noise is told from detail where this many points or more stand for each unknown
 
 
@@ -106,8 +107,10 @@ def noise_of(points: Float[np.ndarray, "K 2"]) -> Noise | None:
         score = K * np.log(max(deviation, 1e-300) ** 2 * (K - unknowns) / K) + unknowns * np.log(K)
         if score < least:
             best, least = Noise(modes, deviation, _radius(points)), score
+        elif modes >= best.modes + _PATIENCE:
+            break
     # Detail goes on beyond the modes that were tried, or hides among few points.
-    detailed = best is None or 4 * best.modes > 3 * most or _SHARE * (2 * best.modes + 1) > K
+    detailed = 4 * best.modes > 3 * most or _SHARE * (2 * best.modes + 1) > K
     return None if detailed else best
 
 

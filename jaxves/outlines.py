@@ -60,6 +60,8 @@ def prepared(points: Float[np.ndarray, "K 2"], modes: int | None = None, lines: 
     if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
         points, where = points[::-1], where[::-1]
     curve = smooth(points, modes)
+    if Polygon(curve).area < 1e-6 * LinearRing(curve).length ** 2:
+        raise ValueError("points that enclose an area")
     if (crossing := _crossing(curve)) is not None:
         _, _, place = crossing
         raise ValueError(

@@ -100,6 +100,8 @@ class PointsVesicle(DeformableVesicle):
         if (file is None) == (values.get("points") is None):
             wanted = f"the name of a {', '.join(SUFFIXES)} file, or else points = [[x, y], …]"
             raise refusal(wanted, "file", file)
+        if file is not None and not isinstance(file, str):
+            return values  # refused by the type of the key
         key = "points" if file is None else "file"
         try:
             if file is None:

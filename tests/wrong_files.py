@@ -140,6 +140,7 @@ OF_SCENE = {
     "no vesicle": ("#t_end = 1.0", "vesicle is missing"),
     "a vesicle that is one table": ("#t_end = 1.0\n[vesicle]\nreduced_area = 0.9", r"vesicle.*\[\[vesicle\]\]"),
     "no text": ("#", "t_end is missing"),
+    "a number for an outline": ('#t_end = 1.0\n[[vesicle]]\nshape = "points"\nfile = 3', r"vesicle\[0\].file = 3"),
     "half a table": ("#t_end = 1.0\n[[vesicle]", "expected a TOML file"),
     "no value": ("#t_end =", "expected a TOML file"),
     "a comma for a point": ("#t_end = 1,5\n[[vesicle]]\nreduced_area = 0.9", "expected a TOML file"),
