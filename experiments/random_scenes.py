@@ -19,6 +19,7 @@ import tempfile
 from pathlib import Path
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
@@ -35,6 +36,7 @@ from ._common import save, styled
 from ._common import store as keep
 
 SAVES = 10
+_TOGETHER = 10
 QUICK = dict(count=2, seed=3, nodes=(32,), longest=0.02)
 
 
@@ -96,6 +98,8 @@ def run(count=100, seed=1, nodes=(64, "auto"), longest=0.5):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.h5"
         for i in range(count):
+            if i % _TOGETHER == 0:
+                jax.clear_caches()  # a hundred scenes compile more programs than a process may hold
             scene_file = drawn(rng, nodes, longest)
             word = run_file(scene_file, path, force=True)
             record = store.load(path)

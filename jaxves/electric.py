@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .arguments import Bounded, is_known, refusal
@@ -72,7 +73,7 @@ class Field(Bounded):
                 raise refusal(f"Field.{name}", getattr(self, name), "one number for each vesicle, (M,)")
         if not isinstance(self.history, AbstractHistory | None):
             raise refusal("Field.history", self.history, "a factor of time, such as Pulse(0.0, 1.0, 1e-3), or None")
-        if self.direction.shape != (2,) or (is_known(self.direction) and not self.direction.any()):
+        if self.direction.shape != (2,) or (is_known(self.direction) and not np.any(np.asarray(self.direction))):
             raise refusal("Field.direction", self.direction, "two finite numbers, not both zero")
 
     def is_within_bounds(self) -> Bool[Array, ""]:

@@ -5,7 +5,8 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Float
 
 from .arguments import Bounded, is_known, refusal
 from .arrays import Scalar, as_float
@@ -80,16 +81,17 @@ class Table(AbstractHistory):
     values: Float[Array, "B"] = eqx.field(converter=as_float)
 
     def __check_init__(self):
-        if self.times.ndim != 1 or len(self.times) < 2 or (is_known(self.times) and not self._increases()):
+        if (
+            self.times.ndim != 1
+            or len(self.times) < 2
+            or (is_known(self.times) and not np.all(np.diff(np.asarray(self.times)) > 0))
+        ):
             raise refusal("Table.times", self.times, "two or more increasing times")
         if self.values.shape != self.times.shape:
             raise refusal("Table.values", self.values, f"{len(self.times)} numbers, one for each of the times")
 
-    def _increases(self) -> Bool[Array, ""]:
-        return jnp.all(jnp.diff(self.times) > 0)
-
     def is_within_bounds(self):
-        return super().is_within_bounds() & self._increases()
+        return super().is_within_bounds() & jnp.all(jnp.diff(self.times) > 0)
 
     def __call__(self, t):
         return jnp.interp(t, self.breakpoints(), self.values)

@@ -293,7 +293,10 @@ def _check_arguments(scene, t_end, saves, march, average, checks) -> None:
     if np.shape(average) != (2,):
         raise refusal("average", average, wanted)
     require("average", average, FINITE)
-    if is_known(average) and not (0 <= average[0] < average[1] and (not is_known(t_end) or average[1] <= t_end)):
+    if not is_known(average):
+        return
+    begin, end = np.asarray(average)
+    if not 0 <= begin < end or (is_known(t_end) and end > np.asarray(t_end)):
         raise refusal("average", average, wanted)
 
 

@@ -95,7 +95,7 @@ def ellipse(
     require("angle", angle, FINITE)
     require("length", length, POSITIVE)
     x = _ellipse(N, reduced_area, angle, length)
-    if is_known(x) and not np.all(np.isfinite(x)):
+    if is_known(x) and not np.all(np.isfinite(np.asarray(x))):
         raise refusal("reduced_area", reduced_area, "a number in [0.0026, 1]: the sides of a flatter ellipse touch")
     return x
 

@@ -9,8 +9,8 @@ saves = 200                  # equally spaced, besides t = 0
 # average = [0.5, 1.0]       # window of the time averages
 
 [[vesicle]]                  # one or more
-shape = "ellipse"            # or "circle", or "points" with file = "shape.csv"; then
-# modes = 8                  # Fourier modes kept of a noisy outline; flip_y = true for images, whose y points down
+shape = "ellipse"            # or "circle", or "points" with file = "shape.csv", an outline, for which there are
+                             # modes (Fourier modes kept of noisy points) and flip_y = true (y points down)
 reduced_area = 0.9           # Δ = 4π area / perimeter², in (0, 1]
 angle = 90.0                 # of the major axis, from x
 center = [0.0, 0.0]
@@ -53,5 +53,5 @@ tolerance = 1e-4             # of the error in time
 method = "auto"              # "ark4" or, for a tight tolerance, "ark5"; or one of these, or "euler" with a time_step
 # solver = "auto"            # of what couples vesicles: "dense", "matrix-free", or by size
 # neighbours = 8             # room for near pairs where no matrices are kept, per vesicle
-# certify = true             # run once more with another tolerance, to estimate the error of the whole
+# certify = true             # run once more with other nodes and steps, to estimate the error of the whole run
 """

@@ -124,6 +124,27 @@ def test_traced_nodes_that_are_no_start_end_the_run_as_invalid(x):
     assert int(_status(RIGHT | {"x": jnp.asarray(x)})) == status.INVALID
 
 
+def test_known_values_are_checked_inside_of_jit_too():
+    """There the functions of JAX trace even what is known."""
+    direction, times, gradient = jnp.array([1.0, 1.0]), jnp.array([0.0, 1.0]), jnp.array([[0.0, 1.0], [0.0, 0.0]])
+
+    @jax.jit
+    def built(beta):
+        history = jaxves.Table(times, times)
+        shear = jaxves.make_scene(
+            E, field=field(beta=beta, direction=direction, history=history), flow=jaxves.Shear(1.0)
+        )
+        linear = jaxves.make_scene(E, flow=jaxves.Linear(gradient))
+        window = jnp.array([0.0, 0.01])
+        result = jaxves.simulate(linear, 0.01, saves=1, march=Fixed(1), average=window)
+        return shear.field.beta, result.status
+
+    assert float(built(2.0)[0]) == 2.0
+    nothing = jnp.zeros(2)
+    with pytest.raises(ValueError, match=r"Field\.direction"):
+        jax.jit(lambda beta: field(beta=beta, direction=nothing).beta)(2.0)
+
+
 def test_traced_vesicles_in_one_place_end_the_run_as_a_collision():
     @jax.jit
     def of(centers):

@@ -36,13 +36,18 @@ def test_all_numbers_of_a_scene_have_names():
     assert found["field.time.values[1]"] == 0.0
 
 
+TRACE = {"flow.gradient[0][0]": "flow.gradient[1][1]", "flow.gradient[1][1]": "flow.gradient[0][0]"}
+
+
 @pytest.mark.parametrize("name", sorted(numbers(parse(PAIR))))
 def test_a_number_given_is_the_number_written_in_the_file(name):
     """Traced, every number builds the scene that a file with that number describes."""
     scene_file = parse(PAIR)
-    value = numbers(scene_file)[name] + 0.05
-    traced = jax.jit(lambda value: scene_of(scene_file, {name: value}))(value)
-    for a, b in zip(leaves(traced), leaves(build(with_numbers(scene_file, {name: value}))), strict=True):
+    values = {name: numbers(scene_file)[name] + 0.05}
+    if name in TRACE:  # a flow without sources, on both sides
+        values[TRACE[name]] = -values[name]
+    traced = jax.jit(lambda values: scene_of(scene_file, values))(values)
+    for a, b in zip(leaves(traced), leaves(build(with_numbers(scene_file, values))), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-13)
     assert any(not np.array_equal(a, b) for a, b in zip(leaves(traced), leaves(build(scene_file)), strict=True))
 
