@@ -177,6 +177,8 @@ def powers(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[st
 
 def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, speed) -> dict[str, Array]:
     cut = equation.filter
+    # The spectrum of a tension that is even along the membrane is round-off, and says nothing.
+    uneven = jnp.ptp(sigma) > _AT_REST * bending / geometry.length(curve) ** 2
     return {
         "area": geometry.area(curve),
         "length": geometry.length(curve),
@@ -186,7 +188,7 @@ def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, spe
         "tank_treading_speed": tank_treading_speed(curve, velocity),
         "bending_energy": membrane.bending_energy(curve, bending),
         "spectral_tail": fourier.spectral_tail(x, cut.x),
-        "tension_tail": fourier.spectral_tail(sigma, cut.surface),
+        "tension_tail": jnp.where(uneven, fourier.spectral_tail(sigma, cut.surface), 0.0),
         "metric_error": jnp.max(jnp.abs(curve.speed / speed - 1)),
         "self_gap": extremes.self_gap(curve),
     }
