@@ -92,7 +92,7 @@ def test_a_case_is_what_the_same_scene_gives_alone(whole):
 
 
 def test_the_file_opens_in_xarray_as_a_labelled_grid(whole):
-    with xarray.open_dataset(whole) as data:
+    with xarray.open_dataset(whole, engine="h5netcdf") as data:
         assert data.status.dims == (BETA, CONDUCTANCE)
         np.testing.assert_array_equal(data[BETA], [1.0, 3.2, 6.0])
         case = data.sel({BETA: 6.0, CONDUCTANCE: 1.0})
@@ -100,7 +100,7 @@ def test_the_file_opens_in_xarray_as_a_labelled_grid(whole):
         assert data.deformation_final.dims == (BETA, CONDUCTANCE, "vesicle")
         assert all(data[name].attrs["units"] and data[name].attrs["long_name"] for name in data)
         np.testing.assert_allclose(data.t, np.linspace(0, 0.02, 5), atol=1e-15)
-    with xarray.open_dataset(whole, group="history") as data:
+    with xarray.open_dataset(whole, engine="h5netcdf", group="history") as data:
         assert data.x.dims == (BETA, CONDUCTANCE, "t", "vesicle", "node", "xy")
 
 
