@@ -80,10 +80,9 @@ def _started(case: Case):
 
 
 @eqx.filter_jit
-def _history(case: Case, scene: Scene, march: AbstractMarch):
-    file = case.scene_file
-    solver, coupling = case.solved_by(scene)
-    result = simulate(scene, file.t_end, saves=file.saves, march=march, solver=solver, coupling=coupling)
+def _history(scene: Scene, t_end, saves: int, march: AbstractMarch, solved_by):
+    solver, coupling = solved_by
+    result = simulate(scene, t_end, saves=saves, march=march, solver=solver, coupling=coupling)
     return result.t, result.diagnostics["deformation_along_field"][:, 0], result.status
 
 
@@ -118,11 +117,12 @@ def critical_field(
     scene, code = _started(case)
     if int(code) != status.RUNNING:
         raise NoCriticalField(f"vesicle.relaxed = true: relaxing ended as {status.WORDS[int(code)]}")
+    solved_by = case.solved_by(scene)
     seen: dict[float, tuple[float, float]] = {}
 
     def g(beta: float) -> float:
         at = eqx.tree_at(lambda s: s.field.beta, scene, jnp.asarray(beta))
-        t, deformation, code = _history(case, at, march)
+        t, deformation, code = _history(at, scene_file.t_end, scene_file.saves, march, solved_by)
         if int(code) != status.COMPLETE:
             raise NoCriticalField(f"field.beta = {beta}: the run ended as {status.WORDS[int(code)]}")
         seen[beta] = least(np.asarray(t), np.asarray(deformation))

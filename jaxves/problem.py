@@ -17,13 +17,12 @@ from . import diagnostics, fourier, marching, rest, status, store
 from .arrays import VesiclePoints
 from .build import build
 from .case import Case
-from .equation import Equation, Filter
+from .equation import Equation, Filter, equation_for
 from .marching import AbstractMarch, Checks, State
 from .motion import Unknowns
 from .scene import Scene
 from .scenefile import parse
 from .scenetables import SceneFile
-from .uses import RUN
 
 AUTO_NODES = (64, 96, 128, 192, 256)
 _RESOLVED = 1e-6  # spectral tail of a starting curve, for `nodes = "auto"`
@@ -88,13 +87,16 @@ def problem_of(case: Case, scene: Scene) -> Problem:
     file = case.scene_file
     average = None if file.average is None else jnp.array(file.average)
     march = case.march()
-    equation, stops, state = _started(case, scene, march, jnp.asarray(file.t_end, dtype=float), average)
+    t_end = jnp.asarray(file.t_end, dtype=float)
+    equation, stops, state = _started(scene, march, t_end, average, case.solved_by(scene))
     return Problem(equation, march, case.checks(), stops, state)
 
 
 @eqx.filter_jit
-def _started(case: Case, scene: Scene, march: AbstractMarch, t_end, average):
-    equation = case.equation(scene, integrands=None if average is None else diagnostics.averaged)
+def _started(scene: Scene, march: AbstractMarch, t_end, average, solved_by):
+    solver, coupling = solved_by
+    integrands = None if average is None else diagnostics.averaged
+    equation = equation_for(scene, solver=solver, coupling=coupling, integrands=integrands)
     return equation, marching.stops_of(scene, t_end, average), marching.initial_state(equation, march, average)
 
 
@@ -120,8 +122,9 @@ def reconstructed(record: store.Record, t: float) -> tuple[Equation, float, Unkn
     scene = eqx.tree_at(lambda s: s.x, scene, jnp.asarray(record.x[0]))
     row = int(np.argmin(np.abs(record.t - t)))
     V_m = None if record.V_m is None else jnp.asarray(record.V_m[row])
-    equation = _equation(Case.of(scene_file, RUN), scene)
+    solver, coupling = Case(scene_file).solved_by(scene)
+    equation = _equation(scene, solver=solver, coupling=coupling)
     return equation, float(record.t[row]), Unknowns(jnp.asarray(record.x[row]), V_m)
 
 
-_equation = eqx.filter_jit(Case.equation)
+_equation = eqx.filter_jit(equation_for)

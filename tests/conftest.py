@@ -76,6 +76,18 @@ def stored(path):
     return found
 
 
+class Stops:
+    """Ctrl-C after so many saved times, as progress is shown."""
+
+    def __init__(self, rows):
+        self.rows = rows
+
+    def __call__(self, t, text):
+        self.rows -= t > 0
+        if self.rows == 0:
+            raise KeyboardInterrupt
+
+
 @jax.jit
 def motion_of(scene, y):
     """What holds at t = 0 in the state y of a scene."""

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from conftest import stored
+from conftest import Stops, stored
 
 from jaxves import runner, store
 from jaxves.continuation import differing, is_done, saved_times
@@ -36,18 +36,6 @@ certify = false
 
 def pop(t_end=0.06, saves=6, more="", nodes=32):
     return parse(tomllib.loads(SCENE.format(t_end=t_end, saves=saves, nodes=nodes) + more))
-
-
-class Stops:
-    """Ctrl-C after so many saved times, as progress is shown."""
-
-    def __init__(self, rows):
-        self.rows = rows
-
-    def __call__(self, t, text):
-        self.rows -= t > 0
-        if self.rows == 0:
-            raise KeyboardInterrupt
 
 
 # --- what a run may be continued with -----------------------------------------------------------

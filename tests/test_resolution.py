@@ -4,8 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from conftest import star, stored
-from test_runner import Stops
+from conftest import Stops, star, stored
 
 from jaxves import fourier, problem, resolution, runner, store
 from jaxves.equation import Filter

@@ -4,9 +4,9 @@ import tomllib
 
 import numpy as np
 import pytest
-from conftest import stored
+from conftest import Stops, stored
 
-from jaxves import fourier, problem, runner, status, store
+from jaxves import fourier, marching, problem, runner, status, store
 from jaxves.certificate import certificate
 from jaxves.equation import Filter
 from jaxves.scenefile import parse
@@ -26,18 +26,6 @@ def quiet(*, area=0.9, relaxed="true", stop="[stop]\nsteady = 1e-3\n"):
     """Neither field nor flow."""
     text = BASE.format(t_end=1.0, saves=4) + VESICLE.format(area) + f"relaxed = {relaxed}\n"
     return parse(tomllib.loads(text + stop + "[numerics]\nnodes = 32\n"))
-
-
-class Stops:
-    """Ctrl-C after so many saved times, as progress is shown."""
-
-    def __init__(self, rows):
-        self.rows = rows
-
-    def __call__(self, t, text):
-        self.rows -= t > 0
-        if self.rows == 0:
-            raise KeyboardInterrupt
 
 
 METHODS = {"adaptive": "", "fixed": 'time_step = 2e-3\nmethod = "euler"\n'}
@@ -189,3 +177,13 @@ def test_the_error_of_a_run_is_estimated_where_it_is_wanted(tmp_path):
     for number, (numerics, wanted) in enumerate((("certify = false\n", False), (METHODS["fixed"], True))):
         runner.run(pop(numerics=numerics), tmp_path / f"{number}.h5")
         assert ("error" in store.load(tmp_path / f"{number}.h5").attributes) == wanted
+
+
+def test_runs_that_differ_in_numbers_share_their_programs(tmp_path, calls_of):
+    """The second one traces nothing, whatever its field is."""
+    runner.run(pop(numerics="certify = false\n"), tmp_path / "first.h5")
+    calls = calls_of(marching, "initial_state")
+    other = pop(numerics="certify = false\n")
+    field = other.field.model_copy(update={"beta": 2.5, "conductivity_ratio": 0.2})
+    runner.run(other.model_copy(update={"field": field}), tmp_path / "second.h5")
+    assert not calls
