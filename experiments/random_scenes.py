@@ -5,12 +5,12 @@
 
 Scenes are drawn at random as users write them: one vesicle or a pair, reduced area, field strength, conductivities,
 conductance, charging time and flow over all that the model allows, half with 64 nodes and half with `nodes = "auto"`.
-Each runs as `jaxves run` does, and states its error in the certificate. A finer run, with one and a half times the
-greatest number of nodes that the first used (128 at least) and a hundredth of its tolerance, tells the true one:
-the largest distance of any node, in a, or of V_m, in a E_inf, over all saved instants.
+Each runs as `jaxves run` does, and states its error in the certificate. A finer run tells the true one. It has one and
+a half times the greatest number of nodes that the first used, 128 at least, and a hundredth of its tolerance. The error
+is the largest distance of any node, in a, or of V_m, in a E_inf, over all saved instants.
 
-What to expect: no run that calls itself complete is off by more than ten times the error it states; at least 90 of
-the 100 end as complete and state at most 1e-2; the median of stated over true error is below 10.
+What to expect: No run that calls itself complete is off by more than ten times the error it states. At least 90 of the
+100 end as complete and state at most 1e-2. The median of stated over true error is below 10.
 """
 
 import argparse

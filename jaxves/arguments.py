@@ -1,8 +1,8 @@
 """Checks of what Python callers pass: a value that is known is checked at once, a traced one inside the program.
 
 A value is known when no transformation of JAX is tracing it. It is looked at with NumPy: inside of `jit` the functions
-of JAX trace known values as well. Every complaint is a ValueError of one line that names
-the argument, its value and what was expected.
+of JAX trace known values as well. Every complaint is a ValueError of one line that names the argument, its value and
+what was expected.
 """
 
 import operator

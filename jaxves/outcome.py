@@ -34,6 +34,10 @@ EXTREMES = (
 _CLASSIFIED = "deformation_along_field"
 
 
+def _diagnostics(row: dict[str, Array]) -> dict[str, Array]:
+    return {name.removeprefix("diagnostics/"): value for name, value in row.items() if "/" in name}
+
+
 class _Seen(eqx.Module):
     """What is known after some saved times; NaN before the first."""
 
@@ -43,9 +47,20 @@ class _Seen(eqx.Module):
     worst: dict[str, Array]  # what the certificate is made of
     deformation: Array | None  # along the field at all saved times, (T, M)
 
+    @classmethod
+    def nothing(cls, row: dict[str, Array], saves: int, kept: dict[str, Array]) -> "_Seen":
+        """Before the first of `saves` saved times, of which `row` (all NaN) has the names; `kept` as in `with_row`."""
+        names = _diagnostics(row)
+        extremes = {name: names[name] for name in EXTREMES if name in names}
+        worst = jax.tree.map(lambda leaf: jnp.full_like(leaf, jnp.nan), certificate.maxima(names, kept, jnp))
+        deformation = None
+        if _CLASSIFIED in names:
+            deformation = jnp.full((saves, *names[_CLASSIFIED].shape), jnp.nan)
+        return cls(names, extremes, extremes, worst, deformation)
+
     def with_row(self, k: Array, row: dict[str, Array], there: Array, kept: dict[str, Array]) -> "_Seen":
         """Also the row of saved time number k, if it is there; `kept` are the areas and perimeters of the start."""
-        found = {name.removeprefix("diagnostics/"): value for name, value in row.items() if "/" in name}
+        found = _diagnostics(row)
         return _Seen(
             {name: jnp.where(there, found[name], old) for name, old in self.final.items()},
             {name: jnp.fmin(old, found[name]) for name, old in self.least.items()},
@@ -98,13 +113,7 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
             state = eqx.tree_at(lambda s: s.status, state, jnp.where(reached, status.CLASS_REACHED, state.status))
         return (state, seen), {name: row[name] for name in _kept(keep, row)}
 
-    names = {name.removeprefix("diagnostics/"): value for name, value in nothing.items() if "/" in name}
-    extremes = {name: names[name] for name in EXTREMES if name in names}
-    deformation = None
-    if _CLASSIFIED in names:
-        deformation = jnp.full((len(times), *names[_CLASSIFIED].shape), jnp.nan)
-    worst = jax.tree.map(lambda leaf: jnp.full_like(leaf, jnp.nan), certificate.maxima(names, equation.kept(), jnp))
-    start = state, _Seen(names, extremes, extremes, worst, deformation)
+    start = state, _Seen.nothing(nothing, len(times), equation.kept())
     (state, seen), history = lax.scan(to_save, start, (jnp.arange(len(times)), times))
 
     code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
@@ -115,7 +124,7 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
         "steps": state.steps,
         "rejected": state.rejected,
     }
-    if deformation is not None:
+    if seen.deformation is not None:
         out["class"] = phases.classify(seen.deformation)
     out |= {f"{name}_final": value for name, value in seen.final.items()}
     if average is not None:

@@ -62,8 +62,8 @@ def prepared(points: Float[np.ndarray, "K 2"], modes: int | None = None, lines: 
     curve = smooth(points, modes)
     if Polygon(curve).area < 1e-6 * LinearRing(curve).length ** 2:
         raise ValueError("points that enclose an area")
-    if (crossing := _crossing(curve)) is not None:
-        _, _, place = crossing
+    if (found := crossing(curve)) is not None:
+        place = found.place
         raise ValueError(
             "points through which a smooth curve does not cross itself: it does near "
             f"({place[0]:.5g}, {place[1]:.5g}), so take points closer there, or more evenly, or fewer `modes`"
@@ -95,8 +95,8 @@ def _check_points(points: Float[np.ndarray, "K 2"], where: list[str]) -> None:
     if repeated.size:
         k = repeated[0]
         raise ValueError(f"distinct points ({where[first[same.ravel()[k]]]} and {where[k]} coincide)")
-    if (crossing := _crossing(points)) is not None:
-        i, j, place = crossing
+    if (found := crossing(points)) is not None:
+        i, j, place = found
         after = [where[(k + 1) % len(points)] for k in (i, j)]
         raise ValueError(
             f"a curve that does not cross itself: it does at ({place[0]:.5g}, {place[1]:.5g}), "
@@ -104,8 +104,16 @@ def _check_points(points: Float[np.ndarray, "K 2"], where: list[str]) -> None:
         )
 
 
-def _crossing(points: Float[np.ndarray, "K 2"]) -> tuple[int, int, tuple[float, float]] | None:
-    """The first two edges of a closed polygon that cross, and where; an edge is named by its first point."""
+class Crossing(NamedTuple):
+    """Two edges of a polygon that cross, each named by its first point, and where they do."""
+
+    first: int
+    second: int
+    place: tuple[float, float]
+
+
+def crossing(points: Float[np.ndarray, "K 2"]) -> Crossing | None:
+    """The first crossing of a closed polygon with itself; None for a simple one."""
     if LinearRing(points).is_simple:
         return None
     K = len(points)
@@ -113,10 +121,10 @@ def _crossing(points: Float[np.ndarray, "K 2"]) -> tuple[int, int, tuple[float, 
     pairs = shapely.STRtree(edges).query(edges, predicate="intersects").T
     apart = [(int(i), int(j)) for i, j in pairs if 1 < j - i < K - 1]
     if not apart:  # neighbouring edges that lie upon each other
-        return 0, 1, (float(points[1, 0]), float(points[1, 1]))
+        return Crossing(0, 1, (float(points[1, 0]), float(points[1, 1])))
     i, j = min(apart)
     place = shapely.centroid(shapely.intersection(edges[i], edges[j]))
-    return i, j, (float(place.x), float(place.y))
+    return Crossing(i, j, (float(place.x), float(place.y)))
 
 
 def smooth(points: Float[np.ndarray, "K 2"], modes: int | None = None) -> Float[np.ndarray, "1024 2"]:

@@ -90,14 +90,18 @@ def ellipse(
     Raises:
         ValueError: N is no even number of nodes, or a known number is out of its bounds.
     """
-    require_nodes("N", N)
     require("reduced_area", reduced_area, REDUCED_AREA)
-    require("angle", angle, FINITE)
-    require("length", length, POSITIVE)
+    _check_ellipse(N, angle, length)
     x = _ellipse(N, reduced_area, angle, length)
     if is_known(x) and not np.all(np.isfinite(np.asarray(x))):
         raise refusal("reduced_area", reduced_area, "a number in [0.0026, 1]: the sides of a flatter ellipse touch")
     return x
+
+
+def _check_ellipse(N: int, angle: ScalarLike, length: ScalarLike) -> None:
+    require_nodes("N", N)
+    require("angle", angle, FINITE)
+    require("length", length, POSITIVE)
 
 
 @functools.partial(jax.jit, static_argnames="N")
@@ -134,10 +138,8 @@ def ellipse_of_excess(N: int, excess: ScalarLike, *, angle: ScalarLike = 0.0, le
     Raises:
         ValueError: N is no even number of nodes, or a known number is out of its bounds.
     """
-    require_nodes("N", N)
     require("excess", excess, _EXCESS)
-    require("angle", angle, FINITE)
-    require("length", length, POSITIVE)
+    _check_ellipse(N, angle, length)
     return _ellipse_of_excess(N, excess, angle, length)
 
 
@@ -167,7 +169,7 @@ def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
     outline = curve.Curve.from_nodes(x)
     # Along the normal the curve is stretched by κ times the wave: the nodes make up for it along the tangent.
     stretch = outline.curvature * outline.speed * wave
-    along = -fourier.antiderivative(stretch - jnp.mean(stretch))
+    along = -fourier.antiderivative(stretch)
     return x + as_float(amplitude) * (wave[:, None] * outline.normal + along[:, None] * outline.tangent)
 
 

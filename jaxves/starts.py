@@ -7,7 +7,7 @@ Uneven nodes would do harm: the equation keeps the spacing even, and would move 
 
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from shapely import LinearRing, Polygon
+from shapely import Polygon
 
 from . import fourier, outlines
 from .arguments import refusal
@@ -55,8 +55,9 @@ def check_curves(argument: str, x: Float[np.ndarray, "M N 2"]) -> None:
         if np.min(np.linalg.norm(nodes - np.roll(nodes, 1, axis=0), axis=1)) == 0:
             raise refusal(name, "nodes of which two neighbours coincide", "distinct nodes")
         finer.append(fourier.resampling_matrix(len(nodes), _FINE * len(nodes)) @ nodes)
-        if not LinearRing(finer[m]).is_simple:
-            raise refusal(name, "a curve that crosses itself", "a simple closed curve")
+        if (found := outlines.crossing(finer[m])) is not None:
+            at = "({:.5g}, {:.5g})".format(*found.place)
+            raise refusal(name, f"a curve that crosses itself near {at}", "a simple closed curve")
     touching = outlines.first_touching([Polygon(curve) for curve in finer]) if len(x) > 1 else None
     if touching is not None:
         i, j = touching
