@@ -134,11 +134,15 @@ def test_the_first_signal_decides_the_exit_status_and_later_ones_do_not_disturb_
 
 
 def limit_in(seconds):
-    """The limit of time that interrupts in so many seconds."""
-    return (time.monotonic() - interrupts._BEGAN + seconds) / (1 - interrupts._SHARE)
+    """The limit of time that interrupts in so many seconds: a tenth of it, at most a minute, is left after that."""
+    due = time.monotonic() - interrupts._BEGAN + seconds
+    return min(due / (1 - interrupts._SHARE), due + interrupts._RESERVE)
 
 
-def test_a_limit_of_time_interrupts_in_time_and_says_so(work):
+@pytest.mark.parametrize("age", [0.0, 3600.0])
+def test_a_limit_of_time_interrupts_in_time_and_says_so(age, work, monkeypatch):
+    """Of a process that has just begun, and of one an hour old, for which a minute is left at the end."""
+    monkeypatch.setattr(interrupts, "_BEGAN", time.monotonic() - age)
     began, doing = time.monotonic(), work()
     code, out, err = call("run", doing.scene, "--out", doing.out, "--max-time", f"{limit_in(0.5):.6f}")
     assert (code, doing.ended) == (130, 1) and time.monotonic() < began + 10
