@@ -14,11 +14,15 @@ import jaxves
 
 
 def build(folder: Path) -> None:
-    """Writes one page for each module."""
+    """Writes a page of the public names, and one for each module."""
     for name in jaxves.__all__:
         getattr(jaxves, name)  # names are imported when first asked for, and pdoc does not ask
     pdoc.render.configure(docformat="google", math=True, footer_text=f"jaxves {jaxves.__version__}")
-    pdoc.pdoc("jaxves", output_directory=folder)
+    package = Path(jaxves.__file__).parent
+    # `plots` has a list of its names, which hides its files from pdoc; all other folders are followed.
+    folders = [f"jaxves.{file.parent.name}" for file in sorted(package.glob("*/__init__.py"))]
+    hidden = [f"jaxves.plots.{file.stem}" for file in sorted((package / "plots").glob("[a-z]*.py"))]
+    pdoc.pdoc("jaxves", *set(folders) - {"jaxves.plots"}, *hidden, output_directory=folder)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ Where a number changes, the table of the page is to be replaced by what this pri
 
 from collections.abc import Iterator
 
-from jaxves.regime import limits, regime
-from jaxves.units import Physical
+from jaxves.physics.regime import limits, regime
+from jaxves.physics.units import LabQuantities
 
 # a in m, E in V/m, σ_i and σ_e in S/m, reduced area: typical values, not those of one publication.
 VESICLES = {
@@ -27,7 +27,7 @@ _HEADINGS = ("vesicle", "a (µm)", "E (kV/cm)", "Λ", "β", "χ", "B = β/χ", "
 def rows() -> Iterator[tuple[str, ...]]:
     """The cells of the table, below the headings."""
     for name, (a, E, sigma_i, sigma_e, reduced_area) in VESICLES.items():
-        physical = Physical(
+        physical = LabQuantities(
             a=a, E=E, sigma_i=sigma_i, sigma_e=sigma_e, epsilon=7.1e-10, C_m=1e-2, kappa_B=1e-19, mu=1e-3
         )
         numbers, found = physical.numbers(), regime(physical, reduced_area)

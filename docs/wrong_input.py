@@ -15,7 +15,7 @@ sys.path[:0] = [str(HERE.parent / "tests"), str(HERE.parent)]
 import wrong_arguments  # noqa: E402
 import wrong_files  # noqa: E402
 
-from jaxves import scenefile, sweepfile  # noqa: E402
+from jaxves.inputs import scene_files, sweep_files  # noqa: E402
 
 HEADER = """# Wrong inputs, and what jaxves says
 
@@ -39,7 +39,7 @@ def of_file(name: str, text: str, folder: Path, load) -> str:
 
 def planned(path: Path):
     """A sweep file and its cases."""
-    return sweepfile.plan(sweepfile.load(path), origin=path.name)
+    return sweep_files.plan(sweep_files.read_sweep_file(path), origin=path.name)
 
 
 def tables() -> dict[str, dict[str, str]]:
@@ -49,7 +49,7 @@ def tables() -> dict[str, dict[str, str]]:
         found = {
             "Python calls": {name: said(call, folder) for name, (call, _) in wrong_arguments.WRONG.items()},
             "Scene files": {
-                name: of_file("scene.toml", wrong_files.scene_text(name), folder, scenefile.load)
+                name: of_file("scene.toml", wrong_files.scene_text(name), folder, scene_files.read_scene)
                 for name in (*wrong_files.OF_VESICLE, *wrong_files.OF_SCENE)
             },
             "Sweep files": {
@@ -59,7 +59,7 @@ def tables() -> dict[str, dict[str, str]]:
         outlines = {}
         for name, (text, _) in wrong_files.OUTLINES.items():
             (folder / "outline.csv").write_text(text, encoding="utf-8")
-            outlines[name] = of_file("scene.toml", wrong_files.SCENE_OF_OUTLINE, folder, scenefile.load)
+            outlines[name] = of_file("scene.toml", wrong_files.SCENE_OF_OUTLINE, folder, scene_files.read_scene)
         return found | {"Outlines": outlines}
 
 

@@ -21,11 +21,13 @@ from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
 import jaxves
-from jaxves import plot, shapes, status
-from jaxves.equation import Equation, Filter, equation_for
-from jaxves.flow import Shear
-from jaxves.marching import AbstractMarch, Checks, State, advance, initial_state, stops_of
-from jaxves.scene import Scene, dc_field, make_scene
+from jaxves.base import status
+from jaxves.equation.equation import Equation, Filter, equation_for
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import AbstractMarch, Checks, State, advance, initial_state, stops_of
 
 threadpool_limits(1, user_api="blas")
 
@@ -132,18 +134,18 @@ def store(name: str, data, variant: str = "") -> None:
 
 def styled(draw: Callable) -> Callable:
     """A drawing function in the style of `jaxves.plot`."""
-    return rc_context(plot.STYLE)(draw)
+    return rc_context(run_plots.STYLE)(draw)
 
 
 def shades(count: int) -> np.ndarray:
     """A colour for each of `count` curves in order, dark to light, on the scale of `jaxves.plot`; (count, 4)."""
     order = np.arange(count)
-    return plot.scale(order).to_rgba(order)
+    return run_plots.scale(order).to_rgba(order)
 
 
 def save(figure: Figure, name: str) -> None:
     """Writes figures/NAME.png."""
     folder = HERE / "figures"
     folder.mkdir(exist_ok=True)
-    with rc_context(plot.STYLE):  # colours "C0", "C1", … are looked up as late as this
+    with rc_context(run_plots.STYLE):  # colours "C0", "C1", … are looked up as late as this
         figure.savefig(folder / f"{name}.png", dpi=140)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxves import fourier
+from jaxves.numerics import fourier
 
 _FINER = 4  # Newton starts from the nearest point of a grid so much finer
 

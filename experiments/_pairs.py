@@ -4,9 +4,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments import _common
-from jaxves import pairphases, shapes, status
-from jaxves.marching import AbstractMarch, Adaptive, Checks
-from jaxves.scene import Scene, dc_field, make_scene
+from jaxves.base import status
+from jaxves.geometry import shapes
+from jaxves.observables import pair_classes
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.stepping.marching import AbstractMarch, Adaptive, Checks
 
 FIELD = jnp.pi / 2  # direction of the field, and of the vesicles' major axes at the start
 _KEPT = (
@@ -55,7 +57,7 @@ def resolved(nodes, film: float, t_end: float, saves: int, *, turned: float = 27
 
 def classified(found: dict) -> str:
     """The class of a history from `history`."""
-    return pairphases.classify(
+    return pair_classes.classify(
         found["t"], np.deg2rad(found["angle"]), found["separation"], found["min_gap"], float(FIELD)
     )
 

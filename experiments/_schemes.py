@@ -11,9 +11,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxves.marching import Fixed
-from jaxves.steppers import AbstractStepper, AdditiveRungeKutta, Tableau
-from jaxves.stepping import AbstractEven
+from jaxves.stepping.control import AbstractEven
+from jaxves.stepping.marching import Fixed
+from jaxves.stepping.schemes import AbstractStepper, AdditiveRungeKutta, Tableau
 
 _ROOT = np.sqrt(2)
 

@@ -12,7 +12,7 @@ import numpy as np
 os.environ.setdefault("XLA_FLAGS", f"--xla_force_host_platform_device_count={os.cpu_count()}")
 
 import jaxves
-from jaxves.sweepstore import SweepRecord
+from jaxves.results.sweep_store import SweepRecord
 
 FOLDER = Path(os.environ.get("JAXVES_SWEEPS", "sweeps"))
 TOY = Path(tempfile.gettempdir()) / "jaxves-quick"  # of runs that only show that they run

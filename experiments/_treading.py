@@ -16,13 +16,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from jaxves import fourier, marching, shapes
-from jaxves.equation import Equation, equation_for
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive
-from jaxves.motion import Unknowns
-from jaxves.scene import Scene, dc_field, make_scene
-from jaxves.steady import steady
+from jaxves.analysis.steady import steady_shape
+from jaxves.equation.equation import Equation, equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import shapes
+from jaxves.numerics import fourier
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.stepping import marching
+from jaxves.stepping.marching import Adaptive
 
 
 class Setting(NamedTuple):
@@ -77,7 +79,7 @@ def _disturbances(equation: Equation, y: Unknowns):
 @eqx.filter_jit
 def _found(setting: Setting, y: Unknowns):
     scene = setting.scene(y.x.shape[1])
-    found = steady(scene, y)
+    found = steady_shape(scene, y)
     return found, _disturbances(equation_for(scene), found.y)
 
 

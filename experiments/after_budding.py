@@ -17,8 +17,10 @@ import equinox as eqx
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot, shapes, status
-from jaxves.marching import Adaptive
+from jaxves.base import status
+from jaxves.geometry import shapes
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive
 
 from ._common import march, pop, save, store, styled
 from ._distance import distances
@@ -74,7 +76,7 @@ def run(betas=tuple(NECK), N=128, finer=192, tolerance=1e-5, t_end=1.0, saves=10
 @styled
 def draw(found) -> Figure:
     """Deformation along the field, error, and asymmetry of a disturbed start, against time."""
-    figure = Figure(figsize=(plot.PAGE, 2.4))
+    figure = Figure(figsize=(run_plots.PAGE, 2.4))
     left, middle, right = figure.subplots(1, 3)
     for beta, row in found.items():
         left.plot(row["t"], row["deformation"], label=rf"$\beta = {beta:g}$")

@@ -24,11 +24,12 @@ import numpy as np
 import scipy.linalg
 
 import jaxves
-from jaxves import shapes, status
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive, Checks, simulate
-from jaxves.scene import Scene, dc_field, make_scene
-from jaxves.steppers import ARK4, ARK5
+from jaxves.base import status
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.stepping.marching import Adaptive, Checks, simulate
+from jaxves.stepping.schemes import ARK4, ARK5
 
 from ._common import interleaved, medians, pop, store, treading
 

@@ -36,12 +36,12 @@ import numpy as np
 import scipy
 import typer
 
-from jaxves import fourier
-from jaxves.curve import Curve, deformation
-from jaxves.equation import equation_for
-from jaxves.marching import Adaptive, Fixed
-from jaxves.motion import Unknowns
-from jaxves.steppers import ARK4, SemiImplicitEuler
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry.curve import Curve, deformation
+from jaxves.numerics import fourier
+from jaxves.stepping.marching import Adaptive, Fixed
+from jaxves.stepping.schemes import ARK4, SemiImplicitEuler
 
 from . import _plain
 from ._common import interleaved, march, medians, pop, store

@@ -14,7 +14,8 @@ prolate, at Δ = 0.6 it may go on to roll and fold until the nodes no longer res
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot, status
+from jaxves.base import status
+from jaxves.plots import run_plots
 
 from . import phase_diagrams
 from ._common import save, store, styled
@@ -67,7 +68,7 @@ def run(
 def draw(found) -> Figure:
     """Classes over β and G: a square for the symmetric start, dots within for the others, a cross for a broken run."""
     rows = found["by area"]
-    figure = Figure(figsize=(plot.PAGE, 2.6), layout="constrained")
+    figure = Figure(figsize=(run_plots.PAGE, 2.6), layout="constrained")
     seen = set()
     for ax, (area, by_disturbance) in zip(figure.subplots(1, len(rows), squeeze=False)[0], rows.items(), strict=True):
         for (disturbance, row), size in zip(by_disturbance.items(), _SIZES, strict=False):

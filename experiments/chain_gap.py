@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from experiments import _common, _pairs
-from jaxves import interactions, plot
-from jaxves.marching import Adaptive, Checks
+from jaxves.operators import interactions
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive, Checks
 
 SIZES = (128, 192, 256)
 START = 0.06  # the gap from which on the laws are fitted
@@ -89,7 +90,7 @@ def laws(t, gap) -> dict:
 
 def draw(found, fits) -> Figure:
     """The gap against time with both laws, and its local rate against the gap."""
-    figure = Figure(figsize=(plot.PAGE, 2.8), layout="constrained")
+    figure = Figure(figsize=(run_plots.PAGE, 2.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for name, case in found.items():
         t, gap = case["t"], case["min_gap"]

@@ -17,9 +17,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxves.curve import Curve
-from jaxves.potentials import far, kernels, near, near_stokes
-from jaxves.potentials.near import CloseGeometry
+from jaxves.geometry.curve import Curve
+from jaxves.potentials import close_laplace, close_stokes, far, kernels
+from jaxves.potentials.close_laplace import CloseGeometry
 
 FIGURE = Path(__file__).parent / "figures" / "close_evaluation.png"
 SHAPES = {
@@ -56,7 +56,11 @@ def densities(t):
 @jax.jit
 def _close(curve, targets, q, f):
     close = CloseGeometry.of(curve, targets.reshape(-1, 2))
-    values = near.laplace_slp(close, q), near.laplace_slp_gradient(close, q), near_stokes.stokes_slp(close, f)
+    values = (
+        close_laplace.laplace_slp(close, q),
+        close_laplace.laplace_slp_gradient(close, q),
+        close_stokes.stokes_slp(close, f),
+    )
     return [value.reshape(targets.shape[:3] + value.shape[1:]) for value in values]
 
 
@@ -93,7 +97,7 @@ def _four(curve, inner, outer, q, f):
     x, normal = curve.x, curve.normal
     grow = jnp.exp(x[:, 0])
     slope = grow * (jnp.cos(x[:, 1]) * normal[:, 0] - jnp.sin(x[:, 1]) * normal[:, 1])
-    harmonic = near.laplace_slp(close, slope) - near.laplace_dlp(close, grow * jnp.cos(x[:, 1]))
+    harmonic = close_laplace.laplace_slp(close, slope) - close_laplace.laplace_dlp(close, grow * jnp.cos(x[:, 1]))
 
     def stokeslet(points):
         return kernels.stokeslet(points - FORCE_AT) @ FORCE / VISCOSITY
@@ -101,13 +105,13 @@ def _four(curve, inner, outer, q, f):
     r = x - FORCE_AT
     r2 = jnp.sum(r**2, axis=-1)
     traction = -r * ((r @ FORCE) * jnp.sum(r * normal, axis=-1) / (jnp.pi * r2**2))[:, None]
-    flow = near_stokes.stokes_slp(close, traction) / VISCOSITY - near_stokes.stokes_dlp(close, stokeslet(x))
+    flow = close_stokes.stokes_slp(close, traction) / VISCOSITY - close_stokes.stokes_dlp(close, stokeslet(x))
     sides = [close, CloseGeometry.of(curve, outer)]
     return (
         harmonic - jnp.exp(inner[:, 0]) * jnp.cos(inner[:, 1]),
-        jnp.stack([near.laplace_slp(side, q) for side in sides]),
+        jnp.stack([close_laplace.laplace_slp(side, q) for side in sides]),
         flow - stokeslet(inner),
-        jnp.stack([near_stokes.stokes_slp(side, f) for side in sides]),
+        jnp.stack([close_stokes.stokes_slp(side, f) for side in sides]),
     )
 
 
@@ -136,10 +140,10 @@ def timings(N=256, repeats=41):
 
     matrix = np.random.default_rng(0).standard_normal((2 * N, 2 * N))
     cases = {
-        "Stokes S, one density": potential(near_stokes.stokes_slp, f),
-        "Stokes S matrix": potential(near_stokes.stokes_slp_matrix),
-        "Laplace S, one density": potential(near.laplace_slp, q),
-        "Laplace S matrix": potential(near.laplace_slp_matrix),
+        "Stokes S, one density": potential(close_stokes.stokes_slp, f),
+        "Stokes S matrix": potential(close_stokes.stokes_slp_matrix),
+        "Laplace S, one density": potential(close_laplace.laplace_slp, q),
+        "Laplace S matrix": potential(close_laplace.laplace_slp_matrix),
         "LU factorisation": lambda: lu_factor(matrix, check_finite=False),
     }
 

@@ -27,11 +27,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jaxves import fourier, plot, shapes, status
-from jaxves.curve import Curve
-from jaxves.marching import Adaptive, Checks
-from jaxves.scene import Scene, dc_field, make_scene
-from jaxves.steppers import ARK4, ARK5, SemiImplicitEuler, for_tolerance
+from jaxves.base import status
+from jaxves.geometry import shapes
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive, Checks
+from jaxves.stepping.schemes import ARK4, ARK5, SemiImplicitEuler, for_tolerance
 
 from ._common import HERE, march, pop, save, store, styled, treading
 from ._distance import distances
@@ -261,7 +264,7 @@ def resolved(nodes, least, vesicles):
 @styled
 def draw(found) -> Figure:
     """A panel a scene: error of the shape against seconds."""
-    figure = Figure(figsize=(plot.PAGE, 2.9))
+    figure = Figure(figsize=(run_plots.PAGE, 2.9))
     panels = np.atleast_1d(figure.subplots(1, len(found), sharey=True))
     for axes, (name, scene) in zip(panels, found.items(), strict=True):
         for N, tables in scene["nodes"].items():

@@ -15,9 +15,9 @@ themselves are drawn as tangents from the derivatives.
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import critical_field as critical
-from jaxves import plot
-from jaxves.scenefile import parse
+from jaxves.analysis import critical_field as critical
+from jaxves.inputs.scene_files import parse
+from jaxves.plots import run_plots
 
 from ._common import save, store, styled
 
@@ -83,7 +83,7 @@ def slope(row, name):
 @styled
 def draw(found) -> Figure:
     """β₀ along Δ and along G with tangents from the derivatives; the ratios against time."""
-    figure = Figure(figsize=(plot.PAGE, 2.6))
+    figure = Figure(figsize=(run_plots.PAGE, 2.6))
     left, middle, right = figure.subplots(1, 3)
     ellipse = found["cases"]["ellipse"]
     by_area = dict(sorted((ellipse | found["along Δ"]).items()))

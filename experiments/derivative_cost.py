@@ -23,9 +23,10 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot, shapes
-from jaxves.marching import AbstractMarch, Adaptive, Fixed, simulate
-from jaxves.scene import dc_field, make_scene
+from jaxves.geometry import shapes
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import AbstractMarch, Adaptive, Fixed, simulate
 
 from ._common import save, store, styled
 
@@ -121,7 +122,7 @@ def _kilobytes(what: str) -> int:
 @styled
 def draw(found) -> Figure:
     """Ratios and allocated memory against the number of steps."""
-    figure = Figure(figsize=(plot.PAGE, 2.7))
+    figure = Figure(figsize=(run_plots.PAGE, 2.7))
     time, memory = figure.subplots(1, 2)
     for i, (kind, tables) in enumerate(found.items()):
         steps = [table["steps"] for table in tables.values()]

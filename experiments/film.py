@@ -17,11 +17,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
-from jaxves import diagnostics, extremes, fourier, plot
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.marching import Checks
-from jaxves.motion import Unknowns
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import extremes
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.observables import diagnostics
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Checks
 
 GAPS = (0.4, 0.2, 0.1, 0.07, 0.05, 0.035, 0.025, 0.015)
 QUICK = dict(gaps=(1.0,), sizes=(32, 48), t_end=0.1, saves=2, start=32)
@@ -63,7 +66,7 @@ def run(gaps=GAPS, sizes=(48, 64, 96, 128, 192, 256), t_end=6.5, saves=130, star
 
 def draw(found) -> Figure:
     """The error against the estimate, and against the gap in node spacings."""
-    figure = Figure(figsize=(plot.PAGE, 2.8), layout="constrained")
+    figure = Figure(figsize=(run_plots.PAGE, 2.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     sizes = sorted(next(iter(found.values())))[:-1]
     for N in sizes:

@@ -16,9 +16,10 @@ import time
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import fit, plot
-from jaxves.marching import Adaptive
-from jaxves.scenefile import parse
+from jaxves.analysis import fit
+from jaxves.inputs.scene_files import parse
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive
 
 from ._common import save, store, styled
 
@@ -87,7 +88,7 @@ def expected(found_row):
 @styled
 def draw(found) -> Figure:
     """The intervals of all fits, relative to the truth."""
-    figure = Figure(figsize=(plot.PAGE, 2.4))
+    figure = Figure(figsize=(run_plots.PAGE, 2.4))
     for axes, (name, value) in zip(figure.subplots(1, len(TRUTH), sharey=True), TRUTH.items(), strict=True):
         for i, row in enumerate(found["fits"]):
             low, high = row["intervals"][name]

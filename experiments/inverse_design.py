@@ -14,8 +14,9 @@ start leads there: [μ] is least near Λ = 0.2, and from below that Newton's met
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot, sensitivity
-from jaxves.parameters import scene_of
+from jaxves.analysis import sensitivity
+from jaxves.plots import run_plots
+from jaxves.runs.build import scene_of
 
 from ._common import save, store, styled
 from .sensitivity import _next, _start, treading
@@ -36,7 +37,7 @@ def run(wanted=WANTED, N=64, t_end=1.5, most=100, longest=0.15, enough=1e-6):
     for _ in range(most):
         values = dict(zip(NAMES, np.exp(logs), strict=True))
         y = _next(file, values, y).y
-        outputs, slopes = sensitivity.jacobian(sensitivity.at_rest(file, tuple(wanted), y), values)
+        outputs, slopes = sensitivity.jacobian(sensitivity.AtRest(file, tuple(wanted), y), values)
         given = {key: np.ravel(outputs[key]).item() for key in wanted}
         missed = np.array([(given[key] - wanted[key]) / SCALE[key] for key in wanted])
         path.append(values | given | {"off": np.max(np.abs(missed))})
@@ -54,7 +55,7 @@ def run(wanted=WANTED, N=64, t_end=1.5, most=100, longest=0.15, enough=1e-6):
 @styled
 def draw(found) -> Figure:
     """The outlines before and after, the way through (Λ, β), and how both wishes came true."""
-    figure = Figure(figsize=(plot.PAGE, 2.4))
+    figure = Figure(figsize=(run_plots.PAGE, 2.4))
     left, middle, right = figure.subplots(1, 3)
     path = found["path"]
     for outline, label, row in zip(found["outlines"], ("start", "found"), (path[0], path[-1]), strict=True):

@@ -22,9 +22,9 @@ import h5py
 import numpy as np
 import tomli_w
 
-from jaxves.hdf5 import datasets_below, histories
-from jaxves.restart import leaves_in, slots
-from jaxves.sweepstore import DUE
+from jaxves.results.hdf5 import datasets_below, histories
+from jaxves.results.restart import leaves_in, slots
+from jaxves.results.sweep_store import DUE
 
 from ._common import store
 

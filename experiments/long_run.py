@@ -13,11 +13,12 @@ area and perimeter kept to 1e-8, the centre where it was.
 import jax.numpy as jnp
 import numpy as np
 
-from jaxves import shapes, status
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive
-from jaxves.scene import make_scene
-from jaxves.steppers import ARK4
+from jaxves.base import status
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import make_scene
+from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.schemes import ARK4
 
 from ._common import march, store
 from ._schemes import Even

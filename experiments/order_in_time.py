@@ -16,9 +16,9 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot
-from jaxves.marching import Checks, Fixed
-from jaxves.steppers import ARK4, ARK5, SemiImplicitEuler
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Checks, Fixed
+from jaxves.stepping.schemes import ARK4, ARK5, SemiImplicitEuler
 
 from ._common import march, pop, save, store, styled, treading
 
@@ -87,7 +87,7 @@ def _errors(scene, t_end, method, sizes, best):
 @styled
 def draw(found) -> Figure:
     """A row a scene: errors against steps, errors of area and length against steps, error against wall time."""
-    figure = Figure(figsize=(plot.PAGE, 2.3 * len(found)))
+    figure = Figure(figsize=(run_plots.PAGE, 2.3 * len(found)))
     for row, (name, methods) in zip(np.atleast_2d(figure.subplots(len(found), 3)), found.items(), strict=True):
         for i, (method, table) in enumerate(m for m in methods.items() if m[0] != "reference"):
             steps = table["steps"]

@@ -15,8 +15,8 @@ import equinox as eqx
 import numpy as np
 
 from experiments import _common, _pairs
-from jaxves.marching import Adaptive
-from jaxves.steppers import ARK4, ARK5
+from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.schemes import ARK4, ARK5
 
 CASES = {  # Λ, end, (nodes, tolerance) and those of the finer run
     "circulating": (0.5, 5.0, (96, 1e-7), (128, 2e-8)),

@@ -15,10 +15,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
-from jaxves import plot, plotstyle
-from jaxves.around import around
-from jaxves.equation import equation_for
-from jaxves.motion import Unknowns
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.observables.fields import fields_at
+from jaxves.plots import run_plots, style
 
 INSTANTS = (3.0, 4.5, 5.5)
 QUICK = dict(instants=(0.25, 0.5), N=32, t_end=0.5, saves=4, resolution=8)
@@ -34,7 +34,7 @@ def run(instants=INSTANTS, N=64, t_end=8.0, saves=160, resolution=100):
 
     @jax.jit
     def velocity(t, x, V_m):
-        return around(equation_for(setting), t, Unknowns(x, V_m), points).velocity
+        return fields_at(equation_for(setting), t, Unknowns(x, V_m), points).velocity
 
     found = {}
     for instant in instants:
@@ -50,18 +50,18 @@ def run(instants=INSTANTS, N=64, t_end=8.0, saves=160, resolution=100):
 def draw(found, grid) -> Figure:
     """One panel for each of up to three instants."""
     figure = Figure(figsize=(6.4, 2.2), layout="constrained")
-    colors = plotstyle.scale(np.stack([case["V_m"] for case in found.values()]))
+    colors = style.scale(np.stack([case["V_m"] for case in found.values()]))
     axes = figure.subplots(1, 3, squeeze=False).ravel()
     for ax, (t, case) in zip(axes, found.items(), strict=False):
         u, v = np.moveaxis(case["velocity"], -1, 0)
         ax.streamplot(grid, grid, u, v, density=0.8, color="0.6", linewidth=0.4, arrowsize=0.4)
-        plot.membranes(ax, case["x"], case["V_m"], colors)
+        run_plots.membranes(ax, case["x"], case["V_m"], colors)
         for center, angle in zip(case["center"], np.deg2rad(np.atleast_1d(case["dipole_angle"])), strict=False):
             half = 0.35 * np.array([np.cos(angle), np.sin(angle)])
-            arrow = dict(arrowstyle="-|>", color=plot.INK, linewidth=1.0, shrinkA=0, shrinkB=0)
+            arrow = dict(arrowstyle="-|>", color=run_plots.INK, linewidth=1.0, shrinkA=0, shrinkB=0)
             ax.annotate("", center + half, center - half, arrowprops=arrow)
-        ax.set(xlim=(-HALF, HALF), ylim=(-HALF, HALF), xticks=[], yticks=[], title=plotstyle.time_label(t))
-    figure.colorbar(colors, ax=axes, label=plotstyle.SYMBOLS["V_m"], shrink=0.9, aspect=20)
+        ax.set(xlim=(-HALF, HALF), ylim=(-HALF, HALF), xticks=[], yticks=[], title=style.time_label(t))
+    figure.colorbar(colors, ax=axes, label=style.SYMBOLS["V_m"], shrink=0.9, aspect=20)
     return figure
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
 from experiments.pairs import COLORS
-from jaxves import plot
+from jaxves.plots import run_plots
 
 OFFSETS, RATIOS = (10.0, 40.0, 60.0, 80.0), (0.1, 0.3, 0.5)
 AREAS = {0.7: (4.8, (96, 128)), 0.99: (2.4, (64, 128))}
@@ -41,7 +41,7 @@ def draw(found) -> Figure:
     """Angle of the line of centres against time for each Λ, and the shapes at the end for each Δ."""
     ratios = sorted({key[1] for key in found})
     areas = sorted({key[2] for key in found if key[0] == "area"})
-    figure = Figure(figsize=(plot.PAGE, 2.0 + 1.5 * len(areas)), layout="constrained")
+    figure = Figure(figsize=(run_plots.PAGE, 2.0 + 1.5 * len(areas)), layout="constrained")
     axes = figure.subplots(1 + len(areas), len(ratios), squeeze=False)
     for (kind, ratio, value), case in found.items():
         column = axes[:, ratios.index(ratio)]
@@ -50,7 +50,7 @@ def draw(found) -> Figure:
             column[0].set_title(rf"$\Lambda = {ratio:g}$")
             continue
         ax = column[1 + areas.index(value)]
-        plot.membranes(ax, case["x"][-1]).set(linewidth=1.0)
+        run_plots.membranes(ax, case["x"][-1]).set(linewidth=1.0)
         ax.set_title(rf"$\Delta = {value:g}$: {case['class']}, $t = {case['t'][-1]:.1f}$", color=COLORS[case["class"]])
         ax.set(xlim=(-3.5, 3.5), ylim=(-3, 3), xticks=[], yticks=[])
     for ax in axes[0]:

@@ -14,8 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
-from jaxves import pairphases, plot
-from jaxves.curve import Curve
+from jaxves.geometry.curve import Curve
+from jaxves.observables import pair_classes
+from jaxves.plots import run_plots
 
 RATIOS = (0.1, 0.9)
 CONDUCTANCES = (0.0, 0.048, 0.096, 0.144, 0.192, 0.5, 1.0, 4.0)
@@ -29,8 +30,8 @@ def run(ratios=RATIOS, conductances=CONDUCTANCES, t_end=12.0, saves=240, nodes=(
     for ratio in ratios:
         for G in conductances:
             case = _pairs.resolved(nodes, FILM, t_end, saves, conductivity_ratio=ratio, membrane_conductance=G)
-            tilt = pairphases.tilt(np.deg2rad(case["angle"]), np.pi / 2)
-            swings = np.rad2deg(pairphases.swings(tilt))
+            tilt = pair_classes.tilt(np.deg2rad(case["angle"]), np.pi / 2)
+            swings = np.rad2deg(pair_classes.swings(tilt))
             curvature = jax.jit(jax.vmap(jax.vmap(lambda x: jnp.min(Curve.from_nodes(x).curvature))))(case["x"])
             found[ratio, G] = case | {"swings": swings, "least_curvature": np.asarray(curvature).min(axis=1)}
     return found
@@ -40,7 +41,7 @@ def draw(found) -> Figure:
     """For each Λ the shapes at the end, and the angle of the line of centres against time."""
     ratios = sorted({key[0] for key in found})
     conductances = sorted({key[1] for key in found})
-    figure = Figure(figsize=(plot.PAGE, 3.4 * len(ratios)), layout="constrained")
+    figure = Figure(figsize=(run_plots.PAGE, 3.4 * len(ratios)), layout="constrained")
     parts = np.atleast_1d(figure.subfigures(len(ratios), 1))
     for part, ratio in zip(parts, ratios, strict=True):
         shapes, angles = part.subfigures(2, 1, height_ratios=(1, 1.3))
@@ -48,7 +49,7 @@ def draw(found) -> Figure:
         turning = angles.subplots()
         for panel, G, color in zip(panels, conductances, _common.shades(len(conductances)), strict=True):
             case = found[ratio, G]
-            plot.membranes(panel, case["x"][-1]).set(linewidth=1.0)
+            run_plots.membranes(panel, case["x"][-1]).set(linewidth=1.0)
             panel.set(xlim=(-2.6, 2.6), ylim=(-3, 3), xticks=[], yticks=[], title=f"$G = {G:g}$")
             turning.plot(case["t"], case["angle"], color=color, label=f"$G = {G:g}$", lw=1.0)
         turning.axhline(90, color="0.7", lw=0.8, zorder=0)

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
-from jaxves import plot
+from jaxves.plots import run_plots
 
 RATIOS = (0.1, 0.3, 0.5, 0.8, 1.0, 2.0, 5.0)
 CONDUCTANCES = (0.0, 0.1, 1.0, 10.0)
@@ -52,14 +52,14 @@ def draw_table(found) -> Figure:
     """One panel for each (Λ, G): shapes at the end, the way of the centres, the class in its colour."""
     table = cells(found)
     ratios, conductances = (sorted({key[axis] for key in table}) for axis in (0, 1))
-    figure = Figure(figsize=(plot.PAGE, 1.25 * len(conductances) + 0.3), layout="constrained")
+    figure = Figure(figsize=(run_plots.PAGE, 1.25 * len(conductances) + 0.3), layout="constrained")
     axes = figure.subplots(len(conductances), len(ratios), squeeze=False)
     for (ratio, G), case in table.items():
         ax = axes[len(conductances) - 1 - conductances.index(G), ratios.index(ratio)]
         color = COLORS[case["class"]]
         for m in (0, 1):
             ax.plot(*case["center"][:, m].T, color=color, lw=0.6, alpha=0.6)
-        plot.membranes(ax, case["x"][-1]).set(linewidth=1.0)
+        run_plots.membranes(ax, case["x"][-1]).set(linewidth=1.0)
         turn = {1.0: "↺ ", -1.0: "↻ "}[case["turns"]] if case["class"] == "circulation" else ""
         ax.set_title(turn + case["class"], color=color, fontsize=6.5, pad=2)
         ax.set(xlim=(-3.2, 3.2), ylim=(-3.2, 3.2), xticks=[], yticks=[])

@@ -5,7 +5,7 @@
 β × G at Λ = 0.1 for Δ = 0.9, 0.8, 0.6, as the paper's figure: 7 × 7 cases each, then refined twice where the class
 changes, which gives the boundary of a 25 × 25 grid. A run ends when nothing moves any more, or with POP. Cases that 64
 nodes do not resolve are computed again with 128. At seven G the field β₀ that ends the class P is then sought by
-`jaxves.find_critical_field`, between the fields of the grid on both sides of it, and drawn as points.
+`jaxves.critical_field`, between the fields of the grid on both sides of it, and drawn as points.
 
 What to expect: P at small β, O at large G, POP between, with a critical β at G = 0 that grows as Δ falls. A vesicle
 at a boundary lingers: where it has not made up its mind by the end, it is called "open". All starts are exactly
@@ -18,9 +18,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxves import critical_field as critical
-from jaxves import scenefile, status, sweepplot
-from jaxves.sweepstore import DUE, SKIPPED
+from jaxves.analysis import critical_field as critical
+from jaxves.base import status
+from jaxves.inputs import scene_files
+from jaxves.plots import sweep_plots
+from jaxves.results.sweep_store import DUE, SKIPPED
 
 from ._common import save, store
 from ._sweeps import TOY, listed, swept
@@ -118,7 +120,7 @@ def critical_fields(scene, area, brackets, most=7) -> dict[float, float | str]:
         resolved = {"nodes": scene["numerics"]["nodes"], "tolerance": 1e-5}
         whole = {"t_end": scene["t_end"], "saves": 2 * scene["saves"], "vesicle": vesicle, "field": field}
         try:
-            setting = scenefile.parse(whole | {"numerics": resolved})
+            setting = scene_files.parse(whole | {"numerics": resolved})
             found[G] = critical.critical_field(setting, tuple(brackets[G]), tolerance=1e-4).beta
         except critical.NoCriticalField as error:
             found[G] = str(error)
@@ -153,7 +155,7 @@ def bracket(strengths, classes) -> list[float] | None:
 
 def draw(found):
     """One panel for each Δ, with the critical fields as points."""
-    figure = sweepplot.phase_diagram(found["record"])
+    figure = sweep_plots.phase_diagram(found["record"])
     for ax, row in zip(figure.axes, found["by area"].values(), strict=True):
         known = {G: beta for G, beta in row["critical"].items() if not isinstance(beta, str)}
         ax.plot(list(known.values()), list(known), "o", color="black", mfc="white", ms=3.5, mew=0.9, clip_on=False)

@@ -19,12 +19,15 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import curve as geometry
-from jaxves import fourier, phases, plot, status
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.marching import Adaptive
-from jaxves.motion import Unknowns
+from jaxves.base import status
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import curve as geometry
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.observables import classes as phases
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive
 
 from ._common import march, pop, save, store, styled
 
@@ -128,15 +131,15 @@ def run(cases=CASES, windows=WINDOWS, N=64, t_end=1.0, saves=50, after=(0.275, 0
 
 
 def classes(found) -> dict[str, str]:
-    """The phase of each of the two runs at Δ = 0.9, as `jaxves.phases` sees it."""
+    """The phase of each of the two runs at Δ = 0.9, as `jaxves.class_names` sees it."""
     deformation = {name: found[name]["diagnostics/deformation_along_field"][:, 0] for name in ("POP", "Λ = 10")}
-    return {name: phases.NAMES[int(phases.classify(jnp.asarray(D)))] for name, D in deformation.items()}
+    return {name: phases.class_names(D)[0] for name, D in deformation.items()}
 
 
 @styled
 def draw_necks(necks) -> Figure:
     """Neck width and tension in it against time, and the shapes when it is narrowest; grey: the coarser cases."""
-    figure = Figure(figsize=(plot.PAGE, 2.5))
+    figure = Figure(figsize=(run_plots.PAGE, 2.5))
     left, middle, right = figure.subplots(1, 3)
     colors = {beta: f"C{i}" for i, beta in enumerate(sorted(PAPER))}
     for neck in sorted(necks, key=lambda neck: (neck["beta"], -neck["N"])):
@@ -187,16 +190,16 @@ def main():
     store("pop_and_budding", {"classes": classes(found), "deformation": deformation, "necks": necks})
 
     neck, rows = found["necks"][0], found["budding"]
-    save(plot.snapshots(_record(found["POP"], pop(64)), [0, 0.1, 0.2, 0.3, 0.5, 1.0]), "pop_snapshots")
+    save(run_plots.snapshots(_record(found["POP"], pop(64)), [0, 0.1, 0.2, 0.3, 0.5, 1.0]), "pop_snapshots")
     setting = pop(neck["N"], reduced_area=0.5, beta=neck["beta"])
-    save(plot.snapshots(_record(rows, setting), [0, 0.05, 0.1, 0.15, neck["time"], 0.3]), "budding_snapshots")
+    save(run_plots.snapshots(_record(rows, setting), [0, 0.05, 0.1, 0.15, neck["time"], 0.3]), "budding_snapshots")
     save(draw_necks(found["necks"]), "budding_necks")
 
     row = int(np.argmin(np.abs(rows["t"] - neck["time"])))
     y = Unknowns(jnp.asarray(rows["x"][row]), jnp.asarray(rows["V_m"][row]))
     equation = equation_for(setting)
-    save(plot.streamlines(equation, rows["t"][row], y), "budding_streamlines")
-    save(plot.field_lines(equation, rows["t"][row], y), "budding_field_lines")
+    save(run_plots.streamlines(equation, rows["t"][row], y), "budding_streamlines")
+    save(run_plots.field_lines(equation, rows["t"][row], y), "budding_field_lines")
 
 
 if __name__ == "__main__":

@@ -29,13 +29,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.integrate import solve_bvp
 
-from jaxves import curve as geometry
-from jaxves import fourier, plot, shapes
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.marching import Adaptive, simulate
-from jaxves.motion import Unknowns
-from jaxves.scene import dc_field, make_scene
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import curve as geometry
+from jaxves.geometry import shapes
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive, simulate
 
 from . import quasi_circular, shear
 from ._common import save, store, styled
@@ -152,7 +154,7 @@ def limit(found) -> dict[str, float]:
 @styled
 def draw(found) -> Figure:
     """Inclination against Δ with both theories; pressure of a vesicle at rest on the elastica's curve."""
-    figure = Figure(figsize=(plot.PAGE, 2.5))
+    figure = Figure(figsize=(run_plots.PAGE, 2.5))
     left, right = figure.subplots(1, 2)
     fine = np.linspace(0.55, 0.999, 60)
     left.plot(fine, np.rad2deg([keller_skalak(a) for a in fine]), label="Keller & Skalak: tan θ = b/a")

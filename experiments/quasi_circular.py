@@ -36,12 +36,13 @@ from jax import lax
 from jaxtyping import Array, Complex, Float
 from matplotlib.figure import Figure
 
-from jaxves import plot, shapes
-from jaxves.curve import Curve
-from jaxves.electric import inner_share
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive, Checks, Fixed, simulate
-from jaxves.scene import Scene, dc_field, make_scene
+from jaxves.geometry import shapes
+from jaxves.geometry.curve import Curve
+from jaxves.physics.electric import inner_share
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive, Checks, Fixed, simulate
 
 from ._common import save, store, styled
 
@@ -253,7 +254,7 @@ def run(areas=AREAS, N=64, steps=240, ratios=(0.1, 0.5), shares=(0.8, 1.25)):
 @styled
 def draw(found) -> Figure:
     """Differences against 1 - Δ, with the slopes expected."""
-    figure = Figure(figsize=(plot.PAGE, 2.6))
+    figure = Figure(figsize=(run_plots.PAGE, 2.6))
     panels = figure.subplots(1, 3, sharex=True)
     deficit = 1 - np.array(found["areas"])
     names = {"inclination": r"$\psi$", "potential": "$V$", "speed": r"$\Omega$", "viscosity": r"$[\mu]$"}

@@ -15,28 +15,33 @@ What to expect: No run that calls itself complete is off by more than ten times 
 
 import argparse
 import collections
+import os
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import fourier, plot, status, store
-from jaxves.build import build
-from jaxves.marching import Adaptive, simulate
-from jaxves.problem import with_nodes
-from jaxves.runner import run as run_file
-from jaxves.scenefile import parse
-from jaxves.scenetables import SceneFile
+from jaxves.base import status
+from jaxves.inputs.scene_files import parse
+from jaxves.inputs.scene_tables import SceneFile
+from jaxves.numerics import fourier
+from jaxves.plots import run_plots
+from jaxves.results import run_store
+from jaxves.runs.build import build
+from jaxves.runs.problem import with_nodes
+from jaxves.runs.runner import run as run_file
+from jaxves.stepping.marching import Adaptive, simulate
 
 from ._common import save, styled
 from ._common import store as keep
 
 SAVES = 10
-_TOGETHER = 10
+_TOGETHER = 5
 QUICK = dict(count=2, seed=3, nodes=(32,), longest=0.02)
 
 
@@ -77,7 +82,7 @@ def _finer(scene, t_end, tolerance):
     return result.x, result.V_m, result.status
 
 
-def true_error(scene_file: SceneFile, record: store.Record) -> tuple[float, str]:
+def true_error(scene_file: SceneFile, record: run_store.Record) -> tuple[float, str]:
     """The largest distance of a saved run from a finer one, and the word with which that ended."""
     N = max(128, 2 * round(0.75 * int(np.max(record.nodes))))
     scene = build(with_nodes(scene_file, N))
@@ -91,27 +96,30 @@ def true_error(scene_file: SceneFile, record: store.Record) -> tuple[float, str]
     return max(apart), status.WORDS[int(code)]
 
 
+def tried(scene_file: SceneFile) -> dict:
+    """What one scene stated and what was true."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.h5"
+        word = run_file(scene_file, path, force=True)
+        record = run_store.read_result(path)
+    stated = record.attributes.get("error", np.nan)
+    true, finer = true_error(scene_file, record) if len(record.t) > 1 else (np.nan, "")
+    return {
+        "scene": record.scene, "word": word, "stated": float(stated), "true": true, "finer": finer,
+        "seconds": float(record.attributes["wall_time"]), "nodes": int(np.max(record.nodes)),
+    }  # fmt: skip
+
+
 def run(count=100, seed=1, nodes=(64, "auto"), longest=0.5):
     """A list of what each scene stated and what was true."""
     rng = np.random.default_rng(seed)
+    scenes = [drawn(rng, nodes, longest) for _ in range(count)]
     found = []
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scene.h5"
-        for i in range(count):
-            if i % _TOGETHER == 0:
-                jax.clear_caches()  # a hundred scenes compile more programs than a process may hold
-            scene_file = drawn(rng, nodes, longest)
-            word = run_file(scene_file, path, force=True)
-            record = store.load(path)
-            stated = record.attributes.get("error", np.nan)
-            true, finer = true_error(scene_file, record) if len(record.t) > 1 else (np.nan, "")
-            found.append(
-                {
-                    "scene": record.scene, "word": word, "stated": float(stated), "true": true, "finer": finer,
-                    "seconds": float(record.attributes["wall_time"]), "nodes": int(np.max(record.nodes)),
-                }
-            )  # fmt: skip
-            print(f"{i:3} {word:14} stated {stated:.1e} true {true:.1e} finer {finer}", flush=True)
+    # A process may hold a limited number of compiled programs: each of these ends after a few scenes.
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), max_tasks_per_child=_TOGETHER) as processes:
+        for i, case in enumerate(processes.map(tried, scenes)):
+            found.append(case)
+            print("{:3} {word:14} stated {stated:.1e} true {true:.1e} finer {finer}".format(i, **case), flush=True)
     return found
 
 
@@ -136,7 +144,7 @@ def verdict(found) -> dict:
 @styled
 def draw(found) -> Figure:
     """Stated against true errors of all scenes that ended as complete or inaccurate."""
-    figure = Figure(figsize=(0.6 * plot.PAGE, 0.5 * plot.PAGE))
+    figure = Figure(figsize=(0.6 * run_plots.PAGE, 0.5 * run_plots.PAGE))
     axes = figure.subplots()
     for word, marker in (("complete", "o"), ("inaccurate", "x")):
         cases = [case for case in found if case["word"] == word and np.isfinite(case["stated"])]

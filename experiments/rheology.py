@@ -15,7 +15,8 @@ viscosity forgets β and Ca.
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot, status
+from jaxves.base import status
+from jaxves.plots import run_plots
 
 from ._common import save, shades, store, styled
 from ._sweeps import TOY, listed, swept
@@ -135,7 +136,7 @@ def spread(rows, area) -> tuple[float, float, float]:
 @styled
 def draw(found) -> Figure:
     """The three quantities against Λ, where runs settle."""
-    figure = Figure(figsize=(plot.PAGE, 2.6))
+    figure = Figure(figsize=(run_plots.PAGE, 2.6))
     kinds = (
         ("viscosity", 1.0, r"$[\mu]$"),
         ("inclination", 180 / np.pi, "inclination (degrees)"),
@@ -153,7 +154,7 @@ def draw(found) -> Figure:
 @styled
 def draw_maps(found) -> Figure:
     """[μ] against β for every Δ, where runs settle; a panel for each Ca."""
-    figure = Figure(figsize=(plot.PAGE, 2.8))
+    figure = Figure(figsize=(run_plots.PAGE, 2.8))
     panels = figure.subplots(1, len(found["over β and Δ"]), sharey=True, squeeze=False)[0]
     for ax, (shear, rows) in zip(panels, found["over β and Δ"].items(), strict=True):
         for (area, row), color in zip(rows.items(), shades(len(rows)), strict=True):

@@ -24,14 +24,17 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot, shapes, status, stepping
-from jaxves.equation import Filter
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive, Checks, Fixed
-from jaxves.potentials import contact
-from jaxves.scene import make_scene
-from jaxves.steppers import ARK4, ARK5
-from jaxves.symmetry import Symmetry
+from jaxves.base import status
+from jaxves.equation.equation import Filter
+from jaxves.equation.symmetry import Symmetry
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import make_scene
+from jaxves.plots import run_plots
+from jaxves.potentials import self_refined
+from jaxves.stepping import control
+from jaxves.stepping.marching import Adaptive, Checks, Fixed
+from jaxves.stepping.schemes import ARK4, ARK5
 
 from ._common import march, pop, save, store, styled, treading
 from ._distance import distances
@@ -159,7 +162,7 @@ def in_necks(sizes, reference=192, t_end=0.18):
     if not sizes:
         return {}
     _, best = ended(bud(reference), 1e-6, t_end)
-    return {N: errors(bud(N), t_end, best, left_out(contact, "FACTORS", (1,))) for N in sizes}
+    return {N: errors(bud(N), t_end, best, left_out(self_refined, "FACTORS", (1,))) for N in sizes}
 
 
 # scene, end, nodes, and those of the finer run
@@ -186,7 +189,7 @@ def at_the_edge(tolerances, N=96, t_end=20.0, saves=100):
     found = {}
     for tolerance in tolerances:
         found[tolerance] = {}
-        for name, context in (("watched", nullcontext()), ("plain", left_out(stepping, "WEIGHT", 0.0))):
+        for name, context in (("watched", nullcontext()), ("plain", left_out(control, "WEIGHT", 0.0))):
             with context:
                 state, rows, _ = march(scene, Adaptive(tolerance), times, checks=_ALL, together=saves)
             late = {key.removeprefix("diagnostics/"): row[saves // 2 :, 0] for key, row in rows.items() if row.ndim > 1}
@@ -228,7 +231,7 @@ def run(
 @styled
 def draw(found) -> Figure:
     """Error in x and in length against the number of steps; a row a scene."""
-    figure = Figure(figsize=(plot.PAGE, 2.2 * len(found["fixed"])))
+    figure = Figure(figsize=(run_plots.PAGE, 2.2 * len(found["fixed"])))
     panels = np.atleast_2d(figure.subplots(len(found["fixed"]), 2))
     for row, (name, variants) in zip(panels, found["fixed"].items(), strict=True):
         for (variant, table), style in zip(variants.items(), ("-o", "-s", "--^", "--v"), strict=False):

@@ -29,13 +29,15 @@ import numpy as np
 from jax.sharding import Mesh
 from matplotlib.figure import Figure
 
-from jaxves import fourier, plot, shapes
-from jaxves.equation import equation_for
-from jaxves.interactions import Pairwise
-from jaxves.motion import Unknowns
-from jaxves.scene import Scene, dc_field, make_scene
-from jaxves.steppers import ARK4
-from jaxves.summation import MatrixFree
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import shapes
+from jaxves.numerics import fourier
+from jaxves.operators.interactions import Pairwise
+from jaxves.operators.sums import MatrixFree
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.schemes import ARK4
 
 from ._common import interleaved, medians, save, store, styled
 
@@ -186,7 +188,7 @@ def run(sizes=SIZES, few=(2, 3, 4, 8, 16, 32), N=64, repeats=21) -> dict:
 @styled
 def draw(found) -> Figure:
     """Time, iterations and memory against the number of vesicles."""
-    figure = Figure(figsize=(plot.PAGE, 2.3))
+    figure = Figure(figsize=(run_plots.PAGE, 2.3))
     panels = figure.subplots(1, 3)
     rows = found["rows"]
     M = [row["M"] for row in rows]

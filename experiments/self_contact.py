@@ -18,11 +18,12 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import fourier, plot
-from jaxves.curve import Curve
-from jaxves.potentials import contact
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.plots import run_plots
+from jaxves.potentials import self_refined
 from jaxves.potentials.chords import Chords
-from jaxves.potentials.contact import SelfKernels, self_kernels
+from jaxves.potentials.self_refined import SelfKernels, self_kernels
 
 from ._common import save, store, styled
 
@@ -61,7 +62,7 @@ def run(sizes=(64, 128), widths=WIDTHS, fine=2048):
             x = dumbbell(N, width)
             curve = Curve.from_nodes(x)
             row = {"N": N, "width": width, "spacings": width / float(jnp.max(curve.weights))}
-            row["factor"] = contact.FACTORS[int(contact.level(curve))]
+            row["factor"] = self_refined.FACTORS[int(self_refined.level(curve))]
             for kind, corrected in (("plain", False), ("corrected", True)):
                 found = potentials(x, corrected=corrected)
                 for name, value in found.items():
@@ -76,7 +77,7 @@ def run(sizes=(64, 128), widths=WIDTHS, fine=2048):
 def draw(rows) -> Figure:
     """The shapes, and the errors against the width of the neck for each number of nodes."""
     sizes = sorted({row["N"] for row in rows})
-    figure = Figure(figsize=(plot.PAGE, 2.5))
+    figure = Figure(figsize=(run_plots.PAGE, 2.5))
     panels = figure.subplots(1, 1 + len(sizes))
     for width in (1.0, 0.25, 0.02):
         outline = np.asarray(dumbbell(512, width))

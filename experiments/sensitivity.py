@@ -20,12 +20,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 
-from jaxves import gradcheck, plot, sensitivity
-from jaxves.marching import Adaptive, Fixed, simulate
-from jaxves.motion import Unknowns
-from jaxves.parameters import numbers, scene_of
-from jaxves.scenefile import parse
-from jaxves.steady import steady
+from jaxves.analysis import gradcheck, sensitivity
+from jaxves.analysis.steady import steady_shape
+from jaxves.equation.state import Unknowns
+from jaxves.inputs.parameters import numbers
+from jaxves.inputs.scene_files import parse
+from jaxves.plots import run_plots
+from jaxves.runs.build import scene_of
+from jaxves.stepping.marching import Adaptive, Fixed, simulate
 
 from ._common import save, store, styled
 
@@ -70,7 +72,7 @@ def _start(scene, t_end):
 
 @eqx.filter_jit
 def _next(file, values, start):
-    return steady(scene_of(file, values), start)
+    return steady_shape(scene_of(file, values), start)
 
 
 def followed(file, y, before, values, longest=0.1):
@@ -94,7 +96,7 @@ def curve(file, start, name, places):
             values = {key: np.float64(value) for key, value in (CENTRE | {name: places[i]}).items()}
             found = followed(file, y, before, values)
             y, before = found.y, values
-            outputs, slopes = sensitivity.jacobian(sensitivity.at_rest(file, quantities, y), values)
+            outputs, slopes = sensitivity.jacobian(sensitivity.AtRest(file, quantities, y), values)
             rows[i] = {
                 "value": float(places[i]),
                 "viscosity": float(outputs["effective_viscosity"]),
@@ -118,8 +120,8 @@ def checked(tables, N=32, t_end=0.01, steps=10):
     """The worst deviations over all numbers and diagnostics of a scene."""
     jax.clear_caches()  # the programs of all scenes together take more pieces of memory than Linux grants
     file = parse({"t_end": 1.0, "numerics": {"nodes": N}, **tables})
-    rows = list(gradcheck.check(file, t_end, steps))
-    outcome = sensitivity.at_end(file, gradcheck.quantities_of(file), t_end, march=Fixed(2))
+    rows = list(gradcheck.check_gradients(file, t_end, steps))
+    outcome = sensitivity.AtEnd(file, gradcheck.quantities_of(file), t_end, march=Fixed(2))
     # Δ has no derivative at a circle.
     values = {n: np.float64(v) for n, v in numbers(file).items() if not (n.endswith("reduced_area") and v == 1)}
     if file.pair is None:
@@ -144,8 +146,8 @@ def run(along=ALONG, N=64, t_end=1.5, scenes=SCENES):
     curves = {name: curve(file, start, name, np.asarray(places)) for name, places in along.items()}
     values = {name: np.float64(value) for name, value in CENTRE.items()}
     outcomes = {
-        "implicit": sensitivity.at_rest(file, ("effective_viscosity",), start),
-        "through the run": sensitivity.at_end(file, ("effective_viscosity",), t_end, march=Adaptive(1e-6)),
+        "implicit": sensitivity.AtRest(file, ("effective_viscosity",), start),
+        "through the run": sensitivity.AtEnd(file, ("effective_viscosity",), t_end, march=Adaptive(1e-6)),
     }
     return {"curves": curves, "cost": cost(outcomes, values), "checks": {k: checked(v) for k, v in scenes.items()}}
 
@@ -168,7 +170,7 @@ def cost(outcomes, values, repeats=3):
 @styled
 def draw(found) -> Figure:
     """[μ] along each number, and its derivative with the slope of the curve."""
-    figure = Figure(figsize=(plot.PAGE, 3.6))
+    figure = Figure(figsize=(run_plots.PAGE, 3.6))
     axes = figure.subplots(2, len(found["curves"]), sharex="col", squeeze=False)
     for column, (name, rows) in zip(axes.T, found["curves"].items(), strict=True):
         x = [row["value"] for row in rows]

@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot, shapes
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive
-from jaxves.scene import make_scene
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive
 
 from ._common import march, save, store, styled
 
@@ -72,7 +73,7 @@ def run(
 def draw(found) -> Figure:
     """Inclination and [μ] in the variables in which they are smooth."""
     points = {area: list(rows.values())[-1] for area, rows in found["steady"].items()} | found["nearly round"]
-    figure = Figure(figsize=(plot.PAGE, 2.5))
+    figure = Figure(figsize=(run_plots.PAGE, 2.5))
     left, right = figure.subplots(1, 2)
     deficit = 1 - np.array(list(points))
     for axes, name, power, limit, scale in (

@@ -24,12 +24,14 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxves import plot, shapes, status
-from jaxves.equation import Equation, equation_for
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive, Checks, Fixed, advance, initial_state, simulate
-from jaxves.motion import Unknowns
-from jaxves.scene import Scene, dc_field, make_scene
+from jaxves.base import status
+from jaxves.equation.equation import Equation, equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive, Checks, Fixed, advance, initial_state, simulate
 
 from ._common import save, store, styled
 
@@ -216,7 +218,7 @@ def run(
 @styled
 def draw(found) -> Figure:
     """Inclination against time, and for the chaotic one the return map and the growth of a disturbance."""
-    figure = Figure(figsize=(plot.PAGE, 3.6))
+    figure = Figure(figsize=(run_plots.PAGE, 3.6))
     panels = figure.subplots(2, 3)
     places = dict(zip(REGIMES, (panels[0, 0], panels[0, 1], panels[0, 2], panels[1, 0]), strict=True))
     for name, case in found["regimes"].items():
@@ -250,7 +252,7 @@ _MARKS = dict(zip(KINDS, zip("o^sD*Px", [*_COLOURS, "0.5"], strict=True), strict
 def draw_map(found) -> Figure:
     """Kinds of motion over (Λ, Ca), one panel for each β."""
     betas = sorted({case[0] for case in found["map"]})
-    figure = Figure(figsize=(plot.PAGE, 2.3))
+    figure = Figure(figsize=(run_plots.PAGE, 2.3))
     panels = figure.subplots(1, len(betas), sharey=True, squeeze=False)[0]
     for axes, beta in zip(panels, betas, strict=True):
         for name, (mark, colour) in _MARKS.items():

@@ -18,10 +18,12 @@ import numpy as np
 import scipy.sparse.linalg
 from matplotlib.figure import Figure
 
-from jaxves import fourier, plot, shapes
-from jaxves.inextensible import TensionBlock
-from jaxves.linear import GMRES, Dense, LinearOperator
-from jaxves.surface import Surfaces
+from jaxves.equation.inextensible import TensionBlock
+from jaxves.geometry import shapes
+from jaxves.numerics import fourier
+from jaxves.numerics.linear import GMRES, Dense, LinearOperator
+from jaxves.operators.surfaces import Surfaces
+from jaxves.plots import run_plots
 
 from ._common import interleaved, medians, save, store, styled
 
@@ -160,7 +162,7 @@ _COUNTED = ("-", "-", ":")
 @styled
 def draw(found) -> Figure:
     """Time of each way against N, and the counts."""
-    figure = Figure(figsize=(plot.PAGE, 2.6))
+    figure = Figure(figsize=(run_plots.PAGE, 2.6))
     left, right = figure.subplots(1, 2)
     sizes = list(found["timings"])
     styles = ("-o", "--o", "-s", "--s", ":s", "-")

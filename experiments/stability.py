@@ -24,11 +24,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from jaxves import plot, shapes, status
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive, Checks
-from jaxves.scene import Scene, dc_field, make_scene
-from jaxves.steppers import ARK4, ARK5, SemiImplicitEuler
+from jaxves.base import status
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive, Checks
+from jaxves.stepping.schemes import ARK4, ARK5, SemiImplicitEuler
 
 from ._common import HERE, march, pop, save, store, styled, treading
 from ._distance import distances
@@ -222,7 +224,7 @@ def draw(found, columns=7) -> Figure:
     """A tile a scene: what is unusual about it, and the error or the word it stopped with."""
     groups = {group: cells for group, cells in found.items() if group != "largest step"}
     rows = sum(-(-len(cells) // columns) for cells in groups.values())
-    figure = Figure(figsize=(plot.PAGE, 0.42 * rows + 0.22 * len(groups) + 0.1))
+    figure = Figure(figsize=(run_plots.PAGE, 0.42 * rows + 0.22 * len(groups) + 0.1))
     axes = figure.subplots()
     y = 0.0
     for group, cells in groups.items():

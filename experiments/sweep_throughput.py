@@ -26,10 +26,12 @@ from ._sweeps import swept  # noqa: F401  (before JAX: one device for each core)
 import jax  # isort: skip
 import jax.numpy as jnp
 
-from jaxves import marching, problem, scenefile, sweepfile
-from jaxves.batches import Batches
-from jaxves.case import Case
-from jaxves.parameters import scene_of
+from jaxves.inputs import scene_files, sweep_files
+from jaxves.runs import problem
+from jaxves.runs.build import scene_of
+from jaxves.runs.case import Case
+from jaxves.stepping import marching
+from jaxves.sweeps.batches import Batches
 
 from ._common import store
 
@@ -39,11 +41,11 @@ QUICK = dict(cases=4, nodes=32, t_end=0.02, repeats=1, commands=0, batches=(2,),
 
 def setting(nodes, t_end, cases):
     """The sweep and its values."""
-    scene = scenefile.load("pop").model_copy(update={"t_end": t_end, "saves": 20})
+    scene = scene_files.read_scene("pop").model_copy(update={"t_end": t_end, "saves": 20})
     scene = problem.with_nodes(scene, nodes)
     values = np.random.default_rng(0).uniform([1.0, 0.0], [6.0, 1.0], size=(cases, 2))
     listed = [dict(zip(NAMES, row.tolist(), strict=True)) for row in values]
-    return sweepfile.parse({"scene": scene, "cases": listed}), values
+    return sweep_files.parse({"scene": scene, "cases": listed}), values
 
 
 def simulated(scene_file, row) -> marching.Result:
@@ -84,7 +86,7 @@ def by_commands(sweep_file, values) -> float:
             beta, conductance = row
             field = sweep_file.scene.field.model_copy(update={"beta": beta, "membrane_conductance": conductance})
             path = Path(folder) / f"{i}.toml"
-            path.write_text(scenefile.to_toml(sweep_file.scene.model_copy(update={"field": field})))
+            path.write_text(scene_files.to_toml(sweep_file.scene.model_copy(update={"field": field})))
             start = time.perf_counter()
             command = [sys.executable, "-m", "jaxves", "run", str(path), "--out", str(path.with_suffix(".h5"))]
             subprocess.run(command, check=True, capture_output=True, env=os.environ | {"XLA_FLAGS": ""})
@@ -169,7 +171,7 @@ def on_gpu(cases=2048, nodes=64, t_end=1.0, batches=(16, 256, 1024, 2048), diffe
         few = values[: max(batch, min(cases, 4 * batch))]
         try:
             work = in_batches(sweep_file, few, 1, "vmap", batch)
-        except sweepfile.SceneError as error:
+        except sweep_files.SceneError as error:
             rates[batch] = str(error)
             break
         found, seconds = warm(lambda work=work: outcomes_of(work))

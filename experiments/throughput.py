@@ -24,12 +24,13 @@ import numpy as np
 import scipy.linalg
 from matplotlib.figure import Figure
 
-from jaxves import plot, shapes
-from jaxves.equation import equation_for
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive
-from jaxves.scene import dc_field, make_scene
-from jaxves.steppers import ARK4
+from jaxves.equation.equation import equation_for
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.plots import run_plots
+from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.schemes import ARK4
 
 from ._common import interleaved, march, medians, pop, save, store, styled
 
@@ -135,7 +136,7 @@ def run(sizes=(64, 128, 256), repeats=101, N=64, t_end=1.0, present=tuple(PRESEN
 @styled
 def draw(found) -> Figure:
     """Cost in LU units by size, and the step time of the four combinations."""
-    figure = Figure(figsize=(plot.PAGE, 2.4))
+    figure = Figure(figsize=(run_plots.PAGE, 2.4))
     left, middle, right = figure.subplots(1, 3)
     sizes = list(found["by size"])
     place = np.arange(len(sizes))

@@ -34,124 +34,71 @@ _refuse_old_jax()
 if os.environ.setdefault("JAX_ENABLE_X64", "1").lower() not in {"0", "false"} and "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", True)
 
-_LAYERS = {
-    # vocabulary
-    "bounds": (),
-    "arrays": (),
-    "arguments": (),
-    "fourier": (),
-    "status": (),
-    "certificate": (),
-    "lanes": (),
-    # geometry
-    "outline_files": (),
-    "outline_fit": (),
-    "outlines": (),
-    "curve": ("Curve",),
-    "shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points"),
-    # potentials: of one curve, at points away from it, and between curves
-    "potentials": (),
-    "starts": (),
-    "interactions": ("Pairwise",),
-    "neighbours": (),
-    "summation": ("MatrixFree",),
-    "surface": ("Surfaces",),
-    # physics
-    "membrane": (),
-    "rigid": (),
-    "history": ("Pulse", "Sine", "Table"),
-    "electric": ("Field",),
-    "flow": ("Extension", "Linear", "Shear"),
-    # the equation
-    "scene": ("Scene", "dc_field", "make_scene"),
-    "krylov": (),
-    "linear": ("GMRES", "Dense"),
-    "motion": ("Unknowns",),
-    "inextensible": (),
-    "frozen": (),
-    "implicit": (),
-    "equation": ("equation_for",),
-    # many steps, and what they say
-    "steppers": ("ARK4", "ARK5", "SemiImplicitEuler"),
-    "extremes": (),
-    "diagnostics": (),
-    "stepping": ("Adaptive", "Fixed"),
-    "replay": (),
-    "marching": ("Checks", "simulate"),
-    "phases": (),
-    "pairphases": (),
-    "around": (),
-    # scene files: checked tables, and what they describe
-    "units": ("Physical",),
-    "tables": (),
-    "values": (),
-    "vesicletables": (),
-    "scenetables": (),
-    "uses": (),
-    "scenefile": (),
-    "build": (),
-    "parameters": (),
-    "rest": (),
-    "case": (),
-    # runs, result files, pictures
-    "hdf5": (),
-    "ownership": (),
-    "restart": (),
-    "store": (),
-    "continuation": (),
-    "problem": (),
-    # derivatives and inverse problems
-    "steady": (),
-    "sensitivity": (),
-    "differences": (),
-    "gradcheck": (),
-    "critical_field": (),
-    "transforms": (),
-    "fit": (),
-    "resolution": (),
-    "wholerun": (),
-    "earlier": (),
-    "runner": ("run",),
-    # sweeps: many cases of one scene
-    "sweeptables": (),
-    "sweepfile": (),
-    "outcome": (),
-    "batches": (),
-    "sweepstore": (),
-    "refinement": (),
-    "team": (),
-    "sweeping": ("sweep",),
-    "plotstyle": (),
-    "moments": (),
-    "plot": (),
-    "sweepplot": (),
-    # the command line
-    "console": (),
-    "template": (),
-    "regime": (),
-    "conversion": (),
-    "summary": (),
-    "sweepsummary": (),
-    "interrupts": (),
-    "longwork": (),
-    "pictures": (),
-    "cli": (),
+# What users need, by the module that has it. Nothing else is promised to stay where it is.
+_PUBLIC = {
+    "base": ("status",),
+    "geometry.curve": ("Curve",),
+    "geometry.shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points"),
+    "physics.electric": ("Field",),
+    "physics.flow": ("Extension", "LinearFlow", "Shear"),
+    "physics.scene": ("Scene", "dc_field", "make_scene"),
+    "physics.units": ("LabQuantities",),
+    "physics.waveform": ("PiecewiseLinear", "Pulse", "Sine"),
+    "operators.interactions": ("Pairwise",),
+    "operators.sums": ("MatrixFree",),
+    "numerics.linear": ("Dense", "GMRES"),
+    "equation.state": ("Unknowns",),
+    "equation.equation": ("equation_for",),
+    "stepping.schemes": ("ARK4", "ARK5", "SemiImplicitEuler"),
+    "stepping.control": ("Adaptive", "Fixed"),
+    "stepping.marching": ("Checks", "Result", "simulate"),
+    "observables.fields": ("fields_at",),
+    "observables.classes": ("class_names",),
+    "inputs.checking": ("SceneError",),
+    "inputs.scene_files": ("built_in_scenes", "read_scene"),
+    "inputs.parameters": ("numbers",),
+    "results.hdf5": ("StoreError",),
+    "results.run_store": ("read_result",),
+    "results.sweep_store": ("read_sweep",),
+    "runs.build": ("scene_of",),
+    "runs.runner": ("run",),
+    "sweeps.sweeping": ("sweep",),
+    "analysis.critical_field": ("critical_field",),
+    "analysis.fit": ("Observations", "fit"),
+    "analysis.gradcheck": ("check_gradients",),
+    "analysis.sensitivity": ("AtEnd", "AtRest", "gradient", "hessian_product", "jacobian", "second_order"),
+    "analysis.steady": ("steady_shape",),
 }
-# A function with the name of its module cannot be `jaxves.NAME`, which is the module: it has a second name here.
-_ALIASES = {"find_critical_field": "critical_field", "find_steady_shape": "steady", "fit_scene": "fit"}
-_HOME = {name: (module, name) for module, names in _LAYERS.items() for name in names}
-_HOME |= {alias: (module, module) for alias, module in _ALIASES.items()}
+_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
+_FOLDERS = (
+    "base",
+    "numerics",
+    "geometry",
+    "inputs",
+    "potentials",
+    "physics",
+    "operators",
+    "equation",
+    "observables",
+    "results",
+    "stepping",
+    "runs",
+    "analysis",
+    "sweeps",
+    "plots",
+    "cli",
+)
 
-__all__ = [*_LAYERS, *_HOME]
+__all__ = ["plots", *_HOME]
 
 
 def __getattr__(name: str):
     if name in _HOME:
-        module, attribute = _HOME[name]
-        value = getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
+        module = importlib.import_module(f"{__name__}.{_HOME[name]}")
+        value = getattr(module, name) if hasattr(module, name) else importlib.import_module(f"{module.__name__}.{name}")
         globals()[name] = value  # the next time without a detour
         return value
-    if name in _LAYERS:
+    if name in _FOLDERS:
         return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

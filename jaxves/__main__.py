@@ -12,8 +12,8 @@ def main(arguments: list[str] | None = None) -> None:
     # Until a run has begun there is nothing to keep, and half imported extensions may crash when they are left.
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, lambda signum, frame: os._exit(128 + signum))
-    from .cli import answer
-    from .console import INTERRUPTED, TERMINATED, write_in_any_encoding
+    from .cli.commands import answer
+    from .cli.console import INTERRUPTED, TERMINATED, write_in_any_encoding
 
     write_in_any_encoding()
     status = answer(sys.argv[1:] if arguments is None else arguments)

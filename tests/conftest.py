@@ -19,8 +19,9 @@ import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
 import jaxves  # noqa: F401  (switches double precision on)
-from jaxves import diagnostics, fourier
-from jaxves.equation import equation_for
+from jaxves.equation.equation import equation_for
+from jaxves.numerics import fourier
+from jaxves.observables import diagnostics
 
 _COMPILED = jax.config.jax_compilation_cache_dir
 

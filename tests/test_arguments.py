@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 import jaxves
-from jaxves import starts, status
-from jaxves.curve import Curve, area
-from jaxves.scenefile import load, parse
-from jaxves.stepping import Fixed
+from jaxves.base import status
+from jaxves.geometry import starts
+from jaxves.geometry.curve import Curve, area
+from jaxves.inputs.scene_files import parse, read_scene
+from jaxves.stepping.control import Fixed
 
 E = jaxves.ellipse(64, 0.9, angle=np.pi / 2)
 NAN, INF = float("nan"), float("inf")
@@ -130,11 +131,11 @@ def test_known_values_are_checked_inside_of_jit_too():
 
     @jax.jit
     def built(beta):
-        history = jaxves.Table(times, times)
+        history = jaxves.PiecewiseLinear(times, times)
         shear = jaxves.make_scene(
             E, field=field(beta=beta, direction=direction, history=history), flow=jaxves.Shear(1.0)
         )
-        linear = jaxves.make_scene(E, flow=jaxves.Linear(gradient))
+        linear = jaxves.make_scene(E, flow=jaxves.LinearFlow(gradient))
         window = jnp.array([0.0, 0.01])
         result = jaxves.simulate(linear, 0.01, saves=1, march=Fixed(1), average=window)
         return shear.field.beta, result.status
@@ -157,12 +158,12 @@ def test_traced_vesicles_in_one_place_end_the_run_as_a_collision():
 
 def test_a_scene_file_and_python_refuse_the_same_numbers():
     """Bounds are declared once: what the tables say of a number is what Python says of it."""
-    from jaxves.bounds import NOT_NEGATIVE, POSITIVE, RATIO
+    from jaxves.base.bounds import NOT_NEGATIVE, POSITIVE, RATIO
 
     for bounds, bad, good in ((POSITIVE, 0.0, 1.0), (NOT_NEGATIVE, -1e-300, 0.0), (RATIO, NAN, INF)):
         assert not bounds.hold(bad) and bounds.hold(good)
         assert np.array_equal(bounds.hold(np.array([bad, good])), [False, True])
-    tables = load("pop").model_dump(by_alias=True, exclude_none=True)
+    tables = read_scene("pop").model_dump(by_alias=True, exclude_none=True)
     for key in ("beta", "chi", "membrane_conductance", "conductivity_ratio", "permittivity_ratio"):
         for value in (-1.0, NAN):
             with pytest.raises(ValueError, match=key):

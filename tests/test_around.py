@@ -6,15 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import jaxves
-from jaxves import shapes
-from jaxves.around import _closely, _Membrane, _widely, around
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.flow import Shear
-from jaxves.motion import Unknowns
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import shapes
+from jaxves.geometry.curve import Curve
+from jaxves.observables import fields
+from jaxves.observables.fields import _closely, _Membrane, _widely, fields_at
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import dc_field, make_scene
 from jaxves.potentials import far
-from jaxves.scene import dc_field, make_scene
 
 N = 32
 RADII = (0.05, 0.4, 0.7, 0.9, 1 - 1e-4, 1 - 1e-10, 1 + 1e-10, 1 + 1e-4, 1.1, 1.3, 2.0, 20.0)
@@ -38,9 +38,9 @@ MANY = 600  # more than are evaluated at once, and not a multiple
 
 
 def surroundings(equation, y, points):
-    """`around` at time 0, always for `MANY` points, so that it is compiled once per scene."""
+    """`fields_at` at time 0, always for `MANY` points, so that it is compiled once per scene."""
     padded = jnp.concatenate([points, jnp.full((MANY - len(points), 2), 9.0)])
-    return jax.tree.map(lambda leaf: leaf[: len(points)], around(equation, 0.0, y, padded))
+    return jax.tree.map(lambda leaf: leaf[: len(points)], fields_at(equation, 0.0, y, padded))
 
 
 def charged_circle(conductivity_ratio, V, **flow):
@@ -206,7 +206,7 @@ def test_the_field_is_the_gradient_of_the_potential(pair):
 
 def test_the_fluid_is_incompressible_and_without_a_field_there_is_no_potential(vesicle):
     equation, y = vesicle
-    flow = eqx.filter_jit(lambda dx: around(equation, 0.0, y, polar(1.8) + dx))
+    flow = eqx.filter_jit(lambda dx: fields_at(equation, 0.0, y, polar(1.8) + dx))
     found, along_x = eqx.filter_jvp(flow, (jnp.zeros(2),), (jnp.array([1.0, 0.0]),))
     _, along_y = eqx.filter_jvp(flow, (jnp.zeros(2),), (jnp.array([0.0, 1.0]),))
     assert found.potential is None and found.electric_field is None
@@ -248,7 +248,7 @@ def test_gradients_are_finite_and_right_next_to_a_node(batched):
 
     def inner_field(Lambda, points):
         equation = equation_for(make_scene(x, field=dc_field(1.0, conductivity_ratio=Lambda)))
-        return jnp.sum(around(equation, 0.0, Unknowns(x[None], jnp.zeros((1, N))), points).electric_field[:, 1])
+        return jnp.sum(fields_at(equation, 0.0, Unknowns(x[None], jnp.zeros((1, N))), points).electric_field[:, 1])
 
     if batched:
         gradient = jax.vmap(jax.grad(inner_field), in_axes=(None, 0))(jnp.asarray(0.5), jnp.stack([points, points + 5]))
@@ -261,15 +261,15 @@ def test_gradients_are_finite_and_right_next_to_a_node(batched):
 def test_far_points_are_not_closely_evaluated(vesicle):
     """The choice is made at run time, for each chunk: both rules stand in branches of the compiled program."""
     equation, y = vesicle
-    traced = str(eqx.filter_make_jaxpr(around)(equation, 0.0, y, polar(3.0))[0])
+    traced = str(eqx.filter_make_jaxpr(fields_at)(equation, 0.0, y, polar(3.0))[0])
     assert "cond" in traced
 
 
 def test_outside_of_jit_points_are_evaluated_by_a_program_made_once(vesicle, calls_of):
     equation, y = vesicle
-    traced = calls_of(jaxves.around, "_place")
-    before = around(equation, 0.0, y, polar(3.0, P=11))
+    traced = calls_of(fields, "_place")
+    before = fields_at(equation, 0.0, y, polar(3.0, P=11))
     once = len(traced)
-    after = around(equation, 1.0, Unknowns(2 * y.x), polar(4.0, P=11))
+    after = fields_at(equation, 1.0, Unknowns(2 * y.x), polar(4.0, P=11))
     assert len(traced) == once > 0
     assert np.all(after.velocity != before.velocity)

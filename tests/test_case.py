@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 import jaxves
-from jaxves import critical_field, fit, gradcheck, parameters, sensitivity, uses
-from jaxves.case import Case
-from jaxves.marching import Adaptive, Fixed
-from jaxves.scenefile import SceneError, parse
-from jaxves.scenetables import NumericsTable
-from jaxves.sweepfile import parse as parse_sweep
-from jaxves.vesicletables import CircleVesicle, EllipseVesicle, PointsVesicle
+from jaxves.analysis import critical_field, fit, gradcheck, sensitivity
+from jaxves.inputs import parameters, uses
+from jaxves.inputs.scene_files import SceneError, parse
+from jaxves.inputs.scene_tables import NumericsTable
+from jaxves.inputs.sweep_files import parse as parse_sweep
+from jaxves.inputs.vesicle_tables import CircleVesicle, EllipseVesicle, PointsVesicle
+from jaxves.runs.case import Case
+from jaxves.stepping.marching import Adaptive, Fixed
 
 POINTS = [[float(2 * np.cos(a)), float(np.sin(a))] for a in np.linspace(0, 2 * np.pi, 40, endpoint=False)]
 VESICLE = {"reduced_area": 0.9, "angle": 30.0}
@@ -58,13 +59,13 @@ def begin(use, file):
         case uses.SWEEP:
             return parse_sweep({"scene": file, "axes": {"field.beta": [1.0]}})
         case uses.SENSITIVITY:
-            return sensitivity.at_end(file, ("deformation",))
+            return sensitivity.AtEnd(file, ("deformation",))
         case uses.FIT:
             return fit.Model.of(file, observations)
         case uses.CRITICAL_FIELD:
             return critical_field.critical_field(file, (1.0, 1.0))
         case uses.GRADIENT_CHECK:
-            return next(gradcheck.check(file, -1.0, 1), None)
+            return next(gradcheck.check_gradients(file, -1.0, 1), None)
 
 
 @pytest.mark.parametrize("use", uses.USES, ids=lambda use: use.name)
@@ -110,7 +111,7 @@ def test_what_numerics_asks_for_is_what_every_use_computes_with(monkeypatch):
     file = scene_file(numerics, pair=PAIR)
     case = Case.of(file, uses.SWEEP)
     jaxves.outcome.outcome(case, (), case.march(), case.scene({}))
-    outcomes = [sensitivity.at_end(file, ("deformation",), 0.01)]
+    outcomes = [sensitivity.AtEnd(file, ("deformation",), 0.01)]
     observations = fit.Observations(0.01, {"deformation": np.zeros((1, 2))}, {"deformation": 1.0})
     outcomes.append(fit.Model.of(file, observations))
     for outcome in outcomes:
@@ -126,7 +127,7 @@ def test_a_time_step_is_the_same_however_many_instants_are_saved():
     assert case.march() == Fixed(5)  # 0.02/4 per save
     assert case.march(0.02, 1) == Fixed(20)
     assert case.march(0.01, 1) == Fixed(10)
-    assert sensitivity.at_end(case.scene_file, ("area",))._march() == Fixed(20)
+    assert sensitivity.AtEnd(case.scene_file, ("area",))._march() == Fixed(20)
     assert isinstance(Case.of(scene_file(), uses.FIT).march(), Adaptive)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from conftest import circle, ellipse
 
-from jaxves import fourier
-from jaxves.curve import Curve
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
 from jaxves.potentials.cauchy import CauchyRule, complex_of, real_of
 
 DISTANCES = np.array([0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-3, 1e-2, 1e-1])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxves.certificate import certificate, weakest
+from jaxves.observables.certificate import certificate, weakest
 
 
 def diagnostics(**changed):

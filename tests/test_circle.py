@@ -6,13 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 from conftest import circle
 
-from jaxves import rigid
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive, simulate
-from jaxves.motion import Unknowns
-from jaxves.scene import dc_field, make_scene
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry.curve import Curve
+from jaxves.physics import rigid
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.stepping.marching import Adaptive, simulate
 
 N = 32
 

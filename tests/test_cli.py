@@ -16,9 +16,10 @@ import pytest
 import xarray
 from conftest import stored
 
-from jaxves import runner, store
-from jaxves.cli import answer
-from jaxves.scenefile import parse
+from jaxves.cli.commands import answer
+from jaxves.inputs.scene_files import parse
+from jaxves.results import run_store
+from jaxves.runs import runner
 
 VESICLE = "t_end = 0.05\nsaves = 5\n[[vesicle]]\nreduced_area = 0.9\nangle = 90.0\n"
 FIELD = "[field]\nbeta = 3.2\nconductivity_ratio = 0.1\n"
@@ -136,7 +137,7 @@ def test_what_is_there_and_no_file_is_never_replaced(tmp_path, monkeypatch, out,
     words = "is no ordinary file" if out == "device" else "is a folder"
     assert_refused(call("run", "pop", "--out", out, *how), words, "expected the name of")
     assert_refused(call("show", out), words)
-    with pytest.raises(store.StoreError, match=words):
+    with pytest.raises(run_store.StoreError, match=words):
         runner.run(parse(tomllib.loads(SCENE)), out, force=how == ["--force"], resume=how == ["--resume"])
     assert sorted(tmp_path.iterdir()) == before
 
@@ -155,7 +156,9 @@ def test_an_existing_file_is_left_alone_without_force(tmp_path):
 def test_bad_input_is_answered_without_importing_jax(tmp_path):
     (tmp_path / "bad.toml").write_text(VESICLE.replace("0.9", "1.1"))
     for arguments in (["run", "bad.toml", "--out", "x.h5"], ["run", "pop"], ["scenes"], ["show", "x.h5"], ["--help"]):
-        code = f"import sys\nfrom jaxves.cli import answer\nanswer({arguments})\nsys.exit('jax' in sys.modules)"
+        code = (
+            f"import sys\nfrom jaxves.cli.commands import answer\nanswer({arguments})\nsys.exit('jax' in sys.modules)"
+        )
         done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, check=False)
         assert done.returncode == 0, (arguments, done.stderr)
 
@@ -172,7 +175,7 @@ def test_every_command_has_help(command):
 def test_without_a_command_there_is_help_and_the_version_is_told():
     code, out, _ = call()
     assert code == 0 and all(name in out for name in ("run", "sweep", "show", "plot", "scenes", "init", "units"))
-    assert call("--version")[:2] == (0, f"{store.version('jaxves')}\n")
+    assert call("--version")[:2] == (0, f"{run_store.version('jaxves')}\n")
 
 
 def test_the_built_in_scenes_are_listed():
@@ -316,7 +319,7 @@ def test_points_in_either_sense_give_the_same_run(tmp_path):
         (tmp_path / f"{name}.toml").write_text(scene)
         code, _, err = call("run", tmp_path / f"{name}.toml", "--out", tmp_path / f"{name}.h5")
         assert code == 0, err
-        shapes.append(store.load(tmp_path / f"{name}.h5").x)
+        shapes.append(run_store.read_result(tmp_path / f"{name}.h5").x)
     np.testing.assert_array_equal(shapes[0], shapes[1])
 
 
@@ -324,7 +327,7 @@ def test_a_run_that_breaks_down_ends_with_3_and_keeps_its_rows(tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE.replace("0.9", "0.4").replace("0.05\nsaves = 5", "0.6\nsaves = 60"))
     out = tmp_path / "out.h5"
     code, said, _ = call("run", tmp_path / "scene.toml", "--out", out)
-    record = store.load(out)
+    record = run_store.read_result(out)
     assert code == 3 and record.status in said and record.attributes["advice"] in said
     assert record.status not in ("complete", "running") and 1 <= len(record.t) <= 60
     assert_refused(call("run", tmp_path / "scene.toml", "--out", out, "--resume"), record.status)
@@ -357,7 +360,7 @@ def wait_for(process, out, rows):
     end = time.monotonic() + 120
     while time.monotonic() < end:
         assert process.poll() is None, process.communicate()
-        if out.exists() and len((record := store.load(out)).t) >= rows:
+        if out.exists() and len((record := run_store.read_result(out)).t) >= rows:
             return record
         time.sleep(0.02)
     raise TimeoutError
@@ -373,13 +376,13 @@ def test_runs_killed_and_interrupted_leave_whole_files_and_a_resumed_one_has_the
     scene.write_text(LONG)
     whole, killed, stopped = (tmp_path / f"{name}.h5" for name in ("whole", "killed", "stopped"))
     assert finished(start("run", scene, "--out", whole))[0] == 0
-    complete = store.load(whole)
+    complete = run_store.read_result(whole)
 
     process = start("run", scene, "--out", killed)
     acknowledged = wait_for(process, killed, 60)
     process.kill()
     assert finished(process)[0] == -signal.SIGKILL
-    record = store.load(killed)
+    record = run_store.read_result(killed)
     assert record.status == "running" and 60 <= len(acknowledged.t) <= len(record.t) < 3001
     np.testing.assert_array_equal(record.x, complete.x[: len(record.t)])
     assert "--resume" in call("show", killed)[1]
@@ -388,7 +391,7 @@ def test_runs_killed_and_interrupted_leave_whole_files_and_a_resumed_one_has_the
     wait_for(process, stopped, 60)
     process.send_signal(signal.SIGINT)
     code, out, err = finished(process)
-    record = store.load(stopped)
+    record = run_store.read_result(stopped)
     assert code == 130 and "interrupted at t = " in out and "Traceback" not in err
     assert record.status == "interrupted" and 60 <= len(record.t) < 3001
 
@@ -397,14 +400,14 @@ def test_runs_killed_and_interrupted_leave_whole_files_and_a_resumed_one_has_the
     for _ in range(2):
         process.send_signal(signal.SIGTERM)
     code, out, err = finished(process)
-    terminated = store.load(stopped)
+    terminated = run_store.read_result(stopped)
     assert code == 143 and "interrupted at t = " in out and "Traceback" not in err
     assert terminated.status == "interrupted" and len(record.t) + 60 <= len(terminated.t) < 3001
 
     code, out, err = finished(start("run", scene, "--out", killed, "--resume"))
     assert code == 0, err
     assert stored(killed) == stored(whole)
-    assert store.load(killed).status == "complete"
+    assert run_store.read_result(killed).status == "complete"
 
 
 @pytest.mark.parametrize(("signum", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -415,4 +418,4 @@ def test_an_interrupt_before_anything_is_computed_leaves_no_file(start, tmp_path
     process.send_signal(signum)
     code, _, err = finished(process)
     assert code == expected and "Traceback" not in err
-    assert not out.exists() or len(store.load(out).t) > 0
+    assert not out.exists() or len(run_store.read_result(out).t) > 0

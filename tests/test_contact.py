@@ -7,17 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import fourier, status
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.lanes import greatest
-from jaxves.marching import Checks
-from jaxves.motion import Unknowns
-from jaxves.potentials import contact
+from jaxves.base import status
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.numerics.batching import greatest
+from jaxves.operators.surfaces import Surfaces
+from jaxves.physics.scene import make_scene
+from jaxves.potentials import self_refined
 from jaxves.potentials.chords import Chords
-from jaxves.potentials.contact import SelfKernels, self_kernels
-from jaxves.scene import make_scene
-from jaxves.surface import Surfaces
+from jaxves.potentials.self_refined import SelfKernels, self_kernels
+from jaxves.stepping.marching import Checks
 
 
 def dumbbell(N, width):
@@ -55,8 +56,8 @@ potentials = jax.jit(_potentials, static_argnums=1)
 def test_potentials_of_a_membrane_stay_accurate_in_its_neck(width):
     """Against Kress's rule on a grid fine enough for the neck; S' loses what one derivative loses."""
     N, fine = 128, 1024
-    assert contact.FAR / 8 < width / spacing(N, width) < contact.FAR
-    assert width / spacing(fine, width) > contact.FAR
+    assert self_refined.FAR / 8 < width / spacing(N, width) < self_refined.FAR
+    assert width / spacing(fine, width) > self_refined.FAR
     exact = potentials(dumbbell(fine, width), by_kress)
     found, plain = potentials(dumbbell(N, width), refined), potentials(dumbbell(N, width), by_kress)
     for name, tolerance in {"S": 1e-11, "Stokes S": 2e-11, "S'": 1e-9}.items():
@@ -91,13 +92,13 @@ def test_the_refinement_follows_the_distance_in_node_spacings(gap, level):
     curve = Curve.from_nodes(jnp.asarray(turn * np.stack([x, y], axis=-1)))
     uniform = jnp.ones(N)  # the corners of the curvature would disturb the spectral one
     curve = Curve(curve.x, curve.tangent, curve.normal, uniform, curve.curvature)
-    assert int(contact.level(curve)) == level
+    assert int(self_refined.level(curve)) == level
 
 
 def test_apart_from_itself_a_membrane_has_the_plain_kernels(shape):
     """To round-off, for the compiler orders sums as it likes: nothing is refined."""
     x = shape(64)
-    assert int(contact.level(Curve.from_nodes(x))) == 0
+    assert int(self_refined.level(Curve.from_nodes(x))) == 0
     same = functools.partial(np.testing.assert_allclose, rtol=0, atol=1e-14)
     jax.tree.map(same, jax.jit(refined)(x)[1], jax.jit(by_kress)(x)[1])
 
@@ -127,7 +128,7 @@ def test_gradients_through_a_neck_are_right(width):
         u = surfaces.stokes(jnp.stack([jnp.cos(alpha), jnp.exp(jnp.sin(alpha))], axis=-1)[None])
         return jnp.sum(jnp.sin(u)) + jnp.sum(surfaces.potential_slope(jnp.cos(alpha)[None], jnp.sin(alpha)[None]) ** 2)
 
-    assert int(contact.level(Curve.from_nodes(x))) > 0
+    assert int(self_refined.level(Curve.from_nodes(x))) > 0
     slope = jnp.sum(jax.grad(total)(x) * direction)
     h = 1e-4
 
@@ -151,6 +152,6 @@ def test_a_neck_finer_than_the_finest_grid_resolves_is_reported(share, code):
     equation = equation_for(scene)
     row = {f"diagnostics/{name}": jnp.zeros(()) for name in ("spectral_tail", "residual")}
     row |= {"diagnostics/area": equation.area, "diagnostics/length": 2 * np.pi * equation.speed}
-    row |= {"diagnostics/self_gap": share * contact.RESOLVED * 2 * np.pi * equation.speed / N}
+    row |= {"diagnostics/self_gap": share * self_refined.RESOLVED * 2 * np.pi * equation.speed / N}
     row |= {"x": scene.x, "tension": jnp.zeros(())}
     assert int(Checks().judge(equation, jnp.zeros(()), Unknowns(scene.x), row)) == code

@@ -13,10 +13,11 @@ import pytest
 import xarray
 from conftest import Stops, stored
 
-from jaxves import runner, store
-from jaxves.continuation import differing, is_done, saved_times
-from jaxves.scenefile import parse, to_toml
-from jaxves.store import StoreError
+from jaxves.inputs.scene_files import parse, to_toml
+from jaxves.results import run_store
+from jaxves.results.run_store import StoreError
+from jaxves.runs import runner
+from jaxves.runs.continuation import differing, is_done, saved_times
 
 SCENE = """
 t_end = {t_end}
@@ -58,11 +59,11 @@ def bare(t_end=0.06, saves=6, more=""):
 
 def held(path, scene_file, status):
     """A result file of this scene with two rows, as far as one can do without computing them."""
-    datasets = {name: described for name, described in store.HISTORY.items() if name != "V_m"}
+    datasets = {name: described for name, described in run_store.HISTORY.items() if name != "V_m"}
     sizes = {"t": 2, "vesicle": 1, "node": 8, "xy": 2}
     block = {name: np.zeros([sizes[dim] for dim in dims]) for name, (_, _, dims, _) in datasets.items()}
     scene = {"scene_text": to_toml(scene_file), "times": saved_times(scene_file)}
-    with store.Writer(path, **scene, attributes={}, vesicles=1, nodes=8, datasets=datasets, force=True) as writer:
+    with run_store.Writer(path, **scene, attributes={}, vesicles=1, nodes=8, datasets=datasets, force=True) as writer:
         writer.append(block, {"x": np.zeros(3)})
         writer.finish(status, "advice", 1.0)
     return path
@@ -151,7 +152,7 @@ def test_a_run_that_is_extended_has_the_bits_of_one_that_was_longer_from_the_sta
     assert stored(path) != stored(longer)
     assert runner.run(pop(0.09, 9), path, resume=True) == "complete"
     assert stored(path) == stored(longer)
-    assert parse(tomllib.loads(store.load(path).scene)) == pop(0.09, 9)
+    assert parse(tomllib.loads(run_store.read_result(path).scene)) == pop(0.09, 9)
 
 
 def test_an_interrupted_run_may_be_continued_to_a_later_end(longer, tmp_path):
@@ -176,13 +177,13 @@ def test_a_continuation_that_fails_or_is_interrupted_before_its_first_step_leave
         with pytest.raises(KeyboardInterrupt):
             runner.run(pop(0.1, 10), path, resume=True)
     assert path.read_bytes() == before
-    state = store.state
+    state = run_store.state
 
     def older(path):
         leaves = state(path)
         return {name: leaf for name, leaf in leaves.items() if name != "last_error"} | {"gone": np.zeros(1)}
 
-    monkeypatch.setattr(store, "state", older)
+    monkeypatch.setattr(run_store, "state", older)
     with pytest.raises(StoreError, match=r"has other parts \(gone, last_error\) than .*--from\.$"):
         runner.run(pop(0.1, 10), path, resume=True)
     assert path.read_bytes() == before
@@ -204,7 +205,7 @@ def test_every_state_of_a_file_opens_in_xarray_as_a_tree_with_times(longer, tmp_
     assert runner.run(pop(0.06, 6), path, progress=Stops(3)) == "interrupted"
     opens(path, 4)
     # As a run leaves it that is killed once it has been continued.
-    store.resume(path, to_toml(pop(0.09, 9)), saved_times(pop(0.09, 9))).close()
+    run_store.resume(path, to_toml(pop(0.09, 9)), saved_times(pop(0.09, 9))).close()
     opens(path, 4)
     assert runner.run(pop(0.09, 9), path, resume=True) == "complete"
     opens(path, 10)
@@ -224,12 +225,12 @@ def old_file(folder: Path, word: str) -> Path:
 
 def test_a_file_of_schema_version_1_is_read_and_continued_in_the_present_form(tmp_path):
     complete, path = old_file(tmp_path, "complete"), old_file(tmp_path, "interrupted")
-    assert [store.load(file).status for file in (complete, path)] == ["complete", "interrupted"]
-    expected, found = store.load(complete), store.load(path)
+    assert [run_store.read_result(file).status for file in (complete, path)] == ["complete", "interrupted"]
+    expected, found = run_store.read_result(complete), run_store.read_result(path)
     assert (len(expected.t), len(found.t), found.attributes["schema_version"]) == (5, 4, 1)
     assert is_done(complete, parse(tomllib.loads(expected.scene)))
     assert runner.run(parse(tomllib.loads(found.scene)), path, resume=True) == "complete"
-    found = store.load(path)
+    found = run_store.read_result(path)
     assert found.attributes["schema_version"] == 2
     np.testing.assert_array_equal(found.x[:4], expected.x[:4])
     np.testing.assert_allclose(found.x[4], expected.x[4], atol=1e-6)  # the tolerance is 1e-3, machines differ

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from conftest import circle, diagnosed, motion_of
 
-from jaxves import curve, electric, flow, fourier, membrane, shapes
-from jaxves.curve import Curve
-from jaxves.equation import Filter, equation_for
-from jaxves.motion import Unknowns
-from jaxves.scene import dc_field, make_scene
+from jaxves.equation.equation import Filter, equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import curve, shapes
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.physics import electric, flow, membrane
+from jaxves.physics.scene import dc_field, make_scene
 
 ELLIPSE = dict(N=64, reduced_area=0.9, angle=0.4)
 
@@ -139,7 +141,7 @@ def test_with_equal_fluids_and_no_membrane_potential_nothing_is_felt():
 
 @pytest.mark.parametrize("angle", [0.7, 2.0])
 def test_turning_the_whole_scene_turns_the_motion(angle):
-    s = make_scene(shapes.ellipse(**ELLIPSE), field=field(), flow=flow.Linear([[1.0, 3.0], [0.5, -1.0]]))
+    s = make_scene(shapes.ellipse(**ELLIPSE), field=field(), flow=flow.LinearFlow([[1.0, 3.0], [0.5, -1.0]]))
     turn = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
     turned = eqx.tree_at(
         lambda s: (s.x, s.field.direction, s.flow.velocity_gradient),

@@ -5,15 +5,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import certificate, fourier, runner, status, store, wholerun
-from jaxves.build import build
-from jaxves.case import Case
-from jaxves.cli import answer
-from jaxves.marching import Adaptive, simulate
-from jaxves.outcome import outcome
-from jaxves.problem import with_nodes
-from jaxves.scenefile import parse, to_toml
-from jaxves.uses import RUN
+from jaxves.base import status
+from jaxves.cli.commands import answer
+from jaxves.inputs.scene_files import parse, to_toml
+from jaxves.inputs.uses import RUN
+from jaxves.numerics import fourier
+from jaxves.observables import certificate
+from jaxves.results import run_store
+from jaxves.runs import error_estimate, runner
+from jaxves.runs.build import build
+from jaxves.runs.case import Case
+from jaxves.runs.problem import with_nodes
+from jaxves.stepping.marching import Adaptive, simulate
+from jaxves.sweeps.case_summary import outcome
 
 DRIVEN = {
     "t_end": 0.02,
@@ -45,7 +49,7 @@ def distance(record, result):
 def test_the_error_of_a_run_covers_its_nodes(nodes, finer, tmp_path):
     """The nodes, not the steps, limit these runs: what they state is at least a tenth of the truth."""
     word = runner.run(scene_file(nodes), tmp_path / "run.h5")
-    record = store.load(tmp_path / "run.h5")
+    record = run_store.read_result(tmp_path / "run.h5")
     true = distance(record, finer)
     assert true > 1e-4 and 0.1 * true < record.attributes["error"] < 100 * true
     assert word in (*status.SUCCESS, "inaccurate")
@@ -58,7 +62,7 @@ def test_a_result_without_a_correct_digit_is_inaccurate_and_kept(tmp_path, capsy
     assert answer(["run", str(path), "--out", str(tmp_path / "run.h5")]) == 3
     said = capsys.readouterr().out
     assert "inaccurate" in said and "more nodes" in said
-    record = store.load(tmp_path / "run.h5")
+    record = run_store.read_result(tmp_path / "run.h5")
     assert record.status == "inaccurate" and len(record.t) == 5 and np.all(np.isfinite(record.x))
     with h5py.File(tmp_path / "run.h5") as file:
         assert float(file["certificate"].attrs["digits"]) < certificate.LEAST_DIGITS
@@ -76,7 +80,7 @@ def test_a_fixed_step_has_an_error_too(tmp_path):
     tables |= {"field": {"beta": 3.2, "conductivity_ratio": 0.1}}
     file = parse(tables | {"numerics": {"nodes": 32, "time_step": 1e-3, "method": "euler"}})
     runner.run(file, tmp_path / "run.h5")
-    record = store.load(tmp_path / "run.h5")
+    record = run_store.read_result(tmp_path / "run.h5")
     right = simulate(build(with_nodes(file, 64)), 0.02, saves=4, march=Adaptive(1e-7))
     true = distance(record, right)
     assert 0.1 * true < record.attributes["error"] < 10 * true
@@ -84,9 +88,9 @@ def test_a_fixed_step_has_an_error_too(tmp_path):
 
 def test_where_no_second_run_arrives_nothing_is_known(tmp_path, monkeypatch):
     """The error is infinite then, and the run is inaccurate."""
-    monkeypatch.setattr(wholerun, "_compared", lambda *arguments: None)
+    monkeypatch.setattr(error_estimate, "_compared", lambda *arguments: None)
     word = runner.run(parse({"t_end": 1e-3, "saves": 1, "vesicle": [{"reduced_area": 0.9}]}), tmp_path / "run.h5")
-    assert word == "inaccurate" and np.isposinf(store.load(tmp_path / "run.h5").attributes["error"])
+    assert word == "inaccurate" and np.isposinf(run_store.read_result(tmp_path / "run.h5").attributes["error"])
 
 
 def test_a_vesicle_at_rest_is_not_inaccurate():

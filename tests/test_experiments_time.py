@@ -11,7 +11,7 @@ from experiments import convergence, long_run, stability
 from experiments._common import HERE
 from experiments._distance import distances
 from experiments._schemes import ARK2, ARK3
-from jaxves import fourier
+from jaxves.numerics import fourier
 
 
 def rows_of(x, V_m):

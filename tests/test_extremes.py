@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from jaxves import extremes, fourier, shapes
-from jaxves.build import build
-from jaxves.curve import Curve
-from jaxves.marching import Adaptive, simulate
-from jaxves.scenefile import parse
+from jaxves.geometry import extremes, shapes
+from jaxves.geometry.curve import Curve
+from jaxves.inputs.scene_files import parse
+from jaxves.numerics import fourier
+from jaxves.runs.build import build
+from jaxves.stepping.marching import Adaptive, simulate
 
 SHIFTS = (0.0, 0.13, 0.37, 0.5, 0.81)  # of the first node, in spacings
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from conftest import ellipse, star
 
-from jaxves import curve, fourier, shapes
-from jaxves.curve import Curve
+from jaxves.geometry import curve, shapes
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
 
 
 @pytest.mark.parametrize("N", [64, 256])  # below and above the size at which matrices give way to transforms

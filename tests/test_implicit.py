@@ -6,11 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
-from jaxves import fourier, linear, shapes
-from jaxves.equation import equation_for
-from jaxves.implicit import Shifted
-from jaxves.motion import Unknowns
-from jaxves.scene import dc_field, make_scene
+from jaxves.equation.equation import equation_for
+from jaxves.equation.implicit import Shifted
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import shapes
+from jaxves.numerics import fourier, linear
+from jaxves.physics.scene import dc_field, make_scene
 
 N = 48
 

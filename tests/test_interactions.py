@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from conftest import diagnosed, motion_of
 
-from jaxves import extremes, flow, fourier, interactions, shapes
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.marching import Adaptive, simulate
-from jaxves.motion import Unknowns
-from jaxves.scene import dc_field, make_scene
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import extremes, shapes
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.operators import interactions
+from jaxves.physics import flow
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.stepping.marching import Adaptive, simulate
 
 REACH = 1.8996  # distance of the centers at which the two shapes of `pair` touch
 

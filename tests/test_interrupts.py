@@ -12,8 +12,11 @@ import time
 import numpy as np
 import pytest
 
-from jaxves import hdf5, interrupts, ownership, restart, runner, store, sweeping, sweepstore
-from jaxves.cli import answer
+from jaxves.cli import interrupts
+from jaxves.cli.commands import answer
+from jaxves.results import hdf5, ownership, restart, run_store, sweep_store
+from jaxves.runs import runner
+from jaxves.sweeps import sweeping
 
 SCENE = "t_end = 1.0\n[[vesicle]]\nreduced_area = 0.9\n"
 SWEEP = "[scene]\nt_end = 1.0\n[[scene.vesicle]]\nreduced_area = 0.9\n[axes]\n'vesicle.bending' = [1.0, 2.0]\n"
@@ -67,9 +70,9 @@ class Work:
         self.at_first, self.at_the_end, self.ended = at_first, at_the_end, 0
 
     def run(self, scene_file, path, *, progress, **how):
-        datasets = {name: described for name, described in store.HISTORY.items() if name != "V_m"}
+        datasets = {name: described for name, described in run_store.HISTORY.items() if name != "V_m"}
         options = {"times": np.arange(9.0), "vesicles": 1, "nodes": 8, "datasets": datasets}
-        with store.Writer(path, scene_text="", attributes={}, **options) as writer:
+        with run_store.Writer(path, scene_text="", attributes={}, **options) as writer:
             with contextlib.suppress(KeyboardInterrupt):
                 self.forever(lambda: progress(0.5, "half"))
             self.at_the_end()
@@ -128,7 +131,7 @@ def test_the_first_signal_decides_the_exit_status_and_later_ones_do_not_disturb_
     doing = work(at_first=send(*first), at_the_end=send(*later))
     code, out, err = call("run", doing.scene, "--out", doing.out)
     assert (code, doing.ended, err) == (expected, 1, "")
-    assert "interrupted" in out and store.load(doing.out).status == "interrupted"
+    assert "interrupted" in out and run_store.read_result(doing.out).status == "interrupted"
     code, _, err = call("sweep", doing.sweep, "--out", doing.out.with_name("sweep.h5"))
     assert (code, doing.ended, err) == (expected, 2, "")
 
@@ -163,7 +166,7 @@ def terminated_in(module):
     exec(compile("import signal; signal.raise_signal(signal.SIGTERM)", module.__file__, "exec"), {})
 
 
-@pytest.mark.parametrize("module", [store, hdf5, restart, ownership, sweepstore, json])
+@pytest.mark.parametrize("module", [run_store, hdf5, restart, ownership, sweep_store, json])
 def test_a_signal_waits_while_a_file_is_written_or_other_code_runs(module):
     """It may not leave a row or the end of a run half written, nor a library in the middle of something."""
     with interrupts.heard() as found:
@@ -183,7 +186,7 @@ def test_a_signal_is_raised_at_once_in_other_code_of_the_package():
 
 COMPILING = """
 import sys, time
-from jaxves import interrupts
+from jaxves.cli import interrupts
 
 with interrupts.heard(time.monotonic() - interrupts._BEGAN + 1.0):
     {}

@@ -7,14 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import critical_field, differences, fit, gradcheck, sensitivity, transforms
-from jaxves.cli import answer
-from jaxves.marching import Fixed
-from jaxves.motion import Unknowns
-from jaxves.parameters import scene_of
-from jaxves.scenefile import parse
-from jaxves.steady import steady
-from jaxves.summary import derivatives
+from jaxves.analysis import boxes, critical_field, differences, fit, gradcheck, sensitivity
+from jaxves.analysis.steady import steady_shape
+from jaxves.cli.commands import answer
+from jaxves.cli.run_summary import derivatives
+from jaxves.equation.state import Unknowns
+from jaxves.inputs.scene_files import parse
+from jaxves.runs.build import scene_of
+from jaxves.stepping.marching import Fixed
 
 RELAXING = {"t_end": 0.1, "vesicle": [{"reduced_area": 0.9, "angle": 70.0}], "numerics": {"nodes": 24}}
 
@@ -54,7 +54,7 @@ def test_a_kink_shows_in_the_error_of_central_differences():
 def test_all_numbers_of_a_scene_have_the_derivative_that_differences_give():
     """Along y too, where the angle of an axis jumps by π."""
     upright = RELAXING | {"vesicle": [{"reduced_area": 0.9, "angle": 90.0}]}
-    rows = list(gradcheck.check(parse(upright), 0.005, 5))
+    rows = list(gradcheck.check_gradients(parse(upright), 0.005, 5))
     assert {row.number for row in rows} == {
         "vesicle.angle", "vesicle.center[0]", "vesicle.center[1]", "vesicle.length", "vesicle.bending",
         "vesicle.reduced_area",
@@ -84,7 +84,7 @@ def test_a_disagreement_is_called_one():
 def test_derivatives_of_a_run_that_breaks_down_are_no_derivatives():
     """Neither of the run itself, nor by differences to runs that break down."""
     with pytest.raises(gradcheck.BrokenDown, match="unresolved"):
-        next(gradcheck.check(parse(RELAXING | {"numerics": {"nodes": 16}}), 0.005, 5))
+        next(gradcheck.check_gradients(parse(RELAXING | {"numerics": {"nodes": 16}}), 0.005, 5))
     beside = differences.central(lambda x: np.array([x if x <= 1.0 else np.nan]), 1.0, 0.1)
     assert rows_of(1.0, 1.0, beside.value[0], beside.error[0]) == "no verdict: runs beside this one break down"
     assert rows_of(1.0, 2.0, beside.value[0], beside.error[0]) == "DISAGREE"
@@ -105,7 +105,7 @@ def test_the_energy_of_a_shape_at_rest_scales_back_with_its_size():
     To what 16 nodes leave of the equations, which are more than the unknowns: 1.5e-5 of the energy.
     """
     file = parse({"t_end": 0.1, "vesicle": [{"reduced_area": 0.95}], "numerics": {"nodes": 16}})
-    rest = sensitivity.at_rest(file, ("bending_energy", "deformation"), Unknowns(scene_of(file, {}).x))
+    rest = sensitivity.AtRest(file, ("bending_energy", "deformation"), Unknowns(scene_of(file, {}).x))
     values = {"vesicle.length": 1.0, "vesicle.reduced_area": 0.95}
     found, slopes = sensitivity.jacobian(rest, values)
     np.testing.assert_allclose(slopes["bending_energy"]["vesicle.length"], -found["bending_energy"], rtol=1e-4)
@@ -116,7 +116,7 @@ def test_a_steady_shape_that_is_not_found_has_no_diagnostics():
     file = parse({"t_end": 0.1, "vesicle": [{"reduced_area": 0.95}], "numerics": {"nodes": 32}})
     scene = scene_of(file, {})
     folded = scene.x * (1 + 0.5 * jnp.cos(8 * 2 * jnp.pi * jnp.arange(32) / 32))[:, None]
-    lost = steady(scene, Unknowns(folded))
+    lost = steady_shape(scene, Unknowns(folded))
     assert not lost.converged
     assert np.isnan(lost.diagnostics["bending_energy"]).all()
 
@@ -125,7 +125,7 @@ def test_a_steady_shape_is_sought_of_one_vesicle():
     two = [{"reduced_area": 0.9}, {"reduced_area": 0.9, "center": [4.0, 0.0]}]
     scene = scene_of(parse(RELAXING | {"vesicle": two}), {})
     with pytest.raises(ValueError, match="one vesicle, but the scene has 2"):
-        steady(scene, Unknowns(scene.x))
+        steady_shape(scene, Unknowns(scene.x))
 
 
 # -- sensitivities -------------------------------------------------------------------------------------------------
@@ -174,19 +174,19 @@ def test_a_bracket_without_a_boundary_is_refused():
 
 
 def test_boxes_are_searched_in_logarithms_where_positive():
-    inside = transforms.boxes({"a": (0.1, 10.0), "b": (-1.0, 3.0)})
+    inside = boxes.boxes({"a": (0.1, 10.0), "b": (-1.0, 3.0)})
     values = {"a": 0.7, "b": 2.0}
-    c = transforms.to_coordinates(values, inside)
-    back = transforms.to_values(jnp.asarray(c), inside)
+    c = boxes.to_coordinates(values, inside)
+    back = boxes.to_values(jnp.asarray(c), inside)
     assert {name: pytest.approx(float(back[name])) for name in values} == values
     assert c == pytest.approx([np.log(0.7), 0.75])
-    moved = transforms.to_values(jnp.asarray(c + 1e-6), inside)
+    moved = boxes.to_values(jnp.asarray(c + 1e-6), inside)
     slope = [(float(moved[name]) - values[name]) / 1e-6 for name in values]
-    np.testing.assert_allclose(transforms.slopes(values, inside), slope, rtol=1e-4)
+    np.testing.assert_allclose(boxes.slopes(values, inside), slope, rtol=1e-4)
     with pytest.raises(ValueError, match=r"a = \(2.0, 1.0\)"):
-        transforms.boxes({"a": (2.0, 1.0)})
+        boxes.boxes({"a": (2.0, 1.0)})
     with pytest.raises(ValueError, match="expected a number inside"):
-        transforms.to_coordinates({"a": 20.0, "b": 0.0}, inside)
+        boxes.to_coordinates({"a": 20.0, "b": 0.0}, inside)
 
 
 def test_bending_is_found_from_a_relaxation_and_a_place_that_nothing_tells_is_named(tmp_path):

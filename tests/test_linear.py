@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import linear
-from jaxves.linear import GMRES, Dense, Elimination, LinearOperator, factor_blocks
+from jaxves.numerics import linear
+from jaxves.numerics.linear import GMRES, Dense, Elimination, LinearOperator, factor_blocks
 
 RNG = np.random.default_rng(1)
 N = 40

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 from conftest import circle, observed_order
 
-from jaxves import fourier, marching, shapes, status, steppers
-from jaxves.flow import Shear
-from jaxves.history import Pulse
-from jaxves.marching import Adaptive, Checks, Fixed, simulate
-from jaxves.scene import Scene, dc_field, make_scene
+from jaxves.base import status
+from jaxves.geometry import shapes
+from jaxves.numerics import fourier
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.physics.waveform import Pulse
+from jaxves.stepping import marching, schemes
+from jaxves.stepping.marching import Adaptive, Checks, Fixed, simulate
 
 
 def pop(N=64):
@@ -33,7 +36,7 @@ def run(s, t_end, march, saves=1, checks=None, average=None):
 def test_the_fourth_order_method_is_of_fourth_order_in_shape_potential_and_tension(make, t_end):
     """At 96 nodes, where the error of space (and of projecting onto it every step) is below that of time."""
     s, steps = make(96), [80, 160, 320]
-    reference = run(s, t_end, Fixed(480, steppers.ARK5()))
+    reference = run(s, t_end, Fixed(480, schemes.ARK5()))
     errors = {"x": [], "V_m": [], "tension": []}
     for n in steps:
         result = run(s, t_end, Fixed(n))
@@ -48,7 +51,7 @@ def test_the_fourth_order_method_is_of_fourth_order_in_shape_potential_and_tensi
 
 
 def test_the_papers_scheme_is_of_first_order():
-    march = [Fixed(n, steppers.SemiImplicitEuler(), projection=False) for n in (20, 40, 80)]
+    march = [Fixed(n, schemes.SemiImplicitEuler(), projection=False) for n in (20, 40, 80)]
     reference = run(pop(), 0.1, Fixed(80))
     errors = [jnp.max(jnp.abs(run(pop(), 0.1, m).x[-1] - reference.x[-1])) for m in march]
     assert abs(observed_order([1 / 20, 1 / 40, 1 / 80], errors) - 1) < 0.2, errors
@@ -56,7 +59,7 @@ def test_the_papers_scheme_is_of_first_order():
 
 def test_tableaus_meet_the_order_conditions_they_claim():
     """Row sums agree; Σ b c^k = 1/(k+1) for both weights; embedded weights one order less."""
-    for stepper in (steppers.ARK4(), steppers.ARK5()):
+    for stepper in (schemes.ARK4(), schemes.ARK5()):
         table = stepper.tableau
         np.testing.assert_allclose(table.implicit.sum(axis=1), table.times, atol=2e-15)
         embedded = table.weights - table.error_weights
@@ -68,10 +71,10 @@ def test_tableaus_meet_the_order_conditions_they_claim():
             np.testing.assert_allclose(table.weights @ left @ table.times, 1 / 6, atol=1e-14)
 
 
-@pytest.mark.parametrize("stepper", [steppers.ARK4(), steppers.ARK5()], ids=["ARK4", "ARK5"])
+@pytest.mark.parametrize("stepper", [schemes.ARK4(), schemes.ARK5()], ids=["ARK4", "ARK5"])
 def test_the_error_follows_the_tolerance(stepper):
     """Above 1e-5 stability sets the steps, and the error stays below; with 64 nodes space would end it at 1e-7."""
-    reference = run(pop(96), 0.3, Adaptive(1e-10, steppers.ARK5()), saves=3)
+    reference = run(pop(96), 0.3, Adaptive(1e-10, schemes.ARK5()), saves=3)
     tolerances = [1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8]
     errors = []
     for tolerance in tolerances:

@@ -9,11 +9,11 @@ import pytest
 from conftest import circle, ellipse
 
 from experiments import close_evaluation
-from jaxves import fourier
-from jaxves.curve import Curve
-from jaxves.potentials import far, kernels, near, near_stokes
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.potentials import close_laplace, close_stokes, far, kernels
 from jaxves.potentials.cauchy import complex_of, real_of
-from jaxves.potentials.near import CloseGeometry
+from jaxves.potentials.close_laplace import CloseGeometry
 
 DISTANCES = np.array([0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-3, 1e-2, 1e-1])
 
@@ -68,8 +68,10 @@ def test_green_identity_holds_to_twelve_digits_at_any_distance(make, N):
             u, gradient = harmonic(x, own)
             sign = 1 if own else -1
             slope = sign * jnp.sum(gradient * curve.normal, axis=-1)
-            value = near.laplace_slp(close, slope) - near.laplace_dlp(close, sign * u)
-            flow = near.laplace_slp_gradient(close, slope) - near.laplace_dlp_gradient(close, sign * u)
+            value = close_laplace.laplace_slp(close, slope) - close_laplace.laplace_dlp(close, sign * u)
+            flow = close_laplace.laplace_slp_gradient(close, slope) - close_laplace.laplace_dlp_gradient(
+                close, sign * u
+            )
             here = jnp.where(inside == own, 1.0, 0.0)
             exact, exact_gradient = harmonic(targets, own)
             exact, exact_gradient = here * exact, here[:, None] * exact_gradient
@@ -98,8 +100,8 @@ def test_potentials_of_a_circle_are_the_known_ones():
     def found(x):
         close = CloseGeometry.of(Curve.from_nodes(x), targets, inside=inside)
         ones = jnp.ones(64)
-        single = near.laplace_slp(close, mode), near.laplace_slp(close, ones)
-        return *single, near.laplace_dlp(close, mode), near.laplace_dlp(close, ones)
+        single = close_laplace.laplace_slp(close, mode), close_laplace.laplace_slp(close, ones)
+        return *single, close_laplace.laplace_dlp(close, mode), close_laplace.laplace_dlp(close, ones)
 
     decay = jnp.where(inside, r / R, R / r) ** k * jnp.cos(k * angle)
     exact = (
@@ -131,17 +133,17 @@ def test_stokes_green_identity_and_stress_at_any_distance():
         curve = Curve.from_nodes(x)
         close = CloseGeometry.of(curve, targets, inside=inside)
         u, traction = stokeslet_data(x, curve.normal)
-        flow = near_stokes.stokes_slp(close, traction) - near_stokes.stokes_dlp(close, u)
-        stress = near_stokes.stokes_slp_stress(close, traction)
+        flow = close_stokes.stokes_slp(close, traction) - close_stokes.stokes_dlp(close, u)
+        stress = close_stokes.stokes_slp_stress(close, traction)
 
         def velocity(moved):
-            return near_stokes.stokes_slp(CloseGeometry.of(curve, moved, inside=inside), traction)
+            return close_stokes.stokes_slp(CloseGeometry.of(curve, moved, inside=inside), traction)
 
         columns = [jax.jvp(velocity, (targets,), (jnp.zeros_like(targets).at[:, b].set(1.0),))[1] for b in (0, 1)]
         slope = jnp.stack(columns, axis=-1)
-        pressure = near_stokes.stokes_slp_pressure(close, traction)
+        pressure = close_stokes.stokes_slp_pressure(close, traction)
         expected = slope + jnp.swapaxes(slope, 1, 2) - pressure[:, None, None] * jnp.eye(2)
-        still = near_stokes.stokes_slp(close, curve.normal), near_stokes.stokes_slp_pressure(close, curve.normal)
+        still = close_stokes.stokes_slp(close, curve.normal), close_stokes.stokes_slp_pressure(close, curve.normal)
         return flow, stress, expected, still
 
     flow, stress, expected, (velocity, pressure) = found(x, targets)
@@ -166,16 +168,23 @@ def test_matrices_and_applications_agree_with_each_other_and_far_away_with_the_t
         f, f_fine = (fourier.resample(flux, c.speed.size, axis=0) / c.speed[:, None] for c in (curve, fine))
         V_fine, one = fourier.resample(V, 2560), jax.tree.map(lambda leaf: leaf[None], fine)
         pairs = [
-            (near.laplace_slp(close, f[:, 0]), near.laplace_slp_matrix(close) @ f[:, 0], far.laplace_slp, f_fine[:, 0]),
-            (near.laplace_dlp(close, V), near.laplace_dlp_matrix(close) @ V, far.laplace_dlp, V_fine),
-            (near_stokes.stokes_slp(close, f), near_stokes.stokes_slp_matrix(close) @ f, far.stokes_slp, f_fine),
+            (
+                close_laplace.laplace_slp(close, f[:, 0]),
+                close_laplace.laplace_slp_matrix(close) @ f[:, 0],
+                far.laplace_slp,
+                f_fine[:, 0],
+            ),
+            (close_laplace.laplace_dlp(close, V), close_laplace.laplace_dlp_matrix(close) @ V, far.laplace_dlp, V_fine),
+            (close_stokes.stokes_slp(close, f), close_stokes.stokes_slp_matrix(close) @ f, far.stokes_slp, f_fine),
         ]
         for name, density, finer in (
             ("laplace_slp_gradient", f[:, 0], f_fine[:, 0]),
             ("laplace_dlp_gradient", V, V_fine),
         ):
-            matrix = getattr(near, name + "_matrix")(close)
-            pairs.append((getattr(near, name)(close, density), (matrix @ density).T, getattr(far, name), finer))
+            matrix = getattr(close_laplace, name + "_matrix")(close)
+            pairs.append(
+                (getattr(close_laplace, name)(close, density), (matrix @ density).T, getattr(far, name), finer)
+            )
         return [(a, b, rule(one, density[None], targets)) for a, b, rule, density in pairs], close.inside
 
     values, sides = found(x)
@@ -203,9 +212,11 @@ def test_derivatives_with_respect_to_nodes_densities_and_targets_hold_down_to_to
         close = CloseGeometry.of(Curve.from_nodes(x), targets, inside=inside)
         return jnp.concatenate(
             [
-                near_stokes.stokes_slp_matrix(close) @ f,
-                near.laplace_slp_gradient(close, f[:, 0]),
-                jnp.stack([near.laplace_slp(close, f[:, 0]), near.laplace_dlp(close, f[:, 1])], axis=-1),
+                close_stokes.stokes_slp_matrix(close) @ f,
+                close_laplace.laplace_slp_gradient(close, f[:, 0]),
+                jnp.stack(
+                    [close_laplace.laplace_slp(close, f[:, 0]), close_laplace.laplace_dlp(close, f[:, 1])], axis=-1
+                ),
             ]
         )
 
@@ -231,7 +242,7 @@ def test_a_batch_of_curves_gives_what_each_gives_alone():
 
     def value(x, y):
         close = CloseGeometry.of(Curve.from_nodes(x), y[None], upsample=1)
-        return near.laplace_slp(close, x[:, 0])[0], close.inside[0]
+        return close_laplace.laplace_slp(close, x[:, 0])[0], close.inside[0]
 
     batched, sides = jax.jit(jax.vmap(value))(curves, targets)
     alone = [jax.jit(value)(x, y) for x, y in zip(curves, targets, strict=True)]

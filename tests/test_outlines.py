@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import jaxves
-from jaxves import outline_fit, outlines, scenefile
-from jaxves.build import build
-from jaxves.cli import answer
-from jaxves.curve import Curve, reduced_area
-from jaxves.scenefile import SceneError, parse, to_toml
+from jaxves.cli.commands import answer
+from jaxves.geometry import outline_fit, outlines
+from jaxves.geometry.curve import Curve, reduced_area
+from jaxves.inputs import scene_files
+from jaxves.inputs.scene_files import SceneError, parse, to_toml
+from jaxves.runs.build import build
 
 SCENE = 't_end = 0.001\nsaves = 1\n[[vesicle]]\nshape = "points"\nfile = "{}"\n{}\n'
 
@@ -74,7 +75,7 @@ def test_the_same_outline_is_read_however_it_is_written(name, tmp_path):
     (tmp_path / name).write_bytes(FORMATS[name])
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.format(name, ""), encoding="utf-8")
-    x = build(scenefile.load(path)).x[0]
+    x = build(scene_files.read_scene(path)).x[0]
     right = build(parse({"t_end": 1.0, "vesicle": [{"shape": "points", "points": P.tolist()}]})).x[0]
     np.testing.assert_allclose(x, right, atol=1e-9)
     assert abs(float(reduced_area(Curve.from_nodes(x))) - 0.8992) < 2e-5
@@ -102,7 +103,7 @@ def test_what_cannot_be_read_is_refused_with_its_line(name, tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.format("outline.csv", ""), encoding="utf-8")
     with pytest.raises(SceneError, match=said) as refused:
-        scenefile.load(path)
+        scene_files.read_scene(path)
     assert "\n" not in str(refused.value) and "vesicle[0].file" in str(refused.value)
 
 
@@ -189,7 +190,7 @@ def test_a_scene_of_a_noisy_outline_warns_once_and_is_stored_with_its_modes(node
     record = jaxves.store.load(tmp_path / "run.h5")
     found = 4 * np.pi * record.diagnostics["area"][0, 0] / record.diagnostics["length"][0, 0] ** 2
     assert abs(found - 0.9) < 3e-3 and np.all(record.nodes <= 96)
-    again = scenefile.parse(scenefile.tomllib.loads(record.scene))  # warnings are errors here
+    again = scene_files.parse(scene_files.tomllib.loads(record.scene))  # warnings are errors here
     assert again.vesicle[0].modes and to_toml(again) == record.scene
 
 
@@ -205,7 +206,7 @@ def test_an_image_is_turned_upright():
     file = parse({"t_end": 1.0, "vesicle": [vesicle]})
     upright = parse({"t_end": 1.0, "vesicle": [{"shape": "points", "points": (ellipse(100) * [1, -1]).tolist()}]})
     np.testing.assert_allclose(file.vesicle[0].points, upright.vesicle[0].points)
-    assert parse(scenefile.tomllib.loads(to_toml(file))) == file and file.vesicle[0].flip_y is False
+    assert parse(scene_files.tomllib.loads(to_toml(file))) == file and file.vesicle[0].flip_y is False
 
 
 def test_points_from_python_are_checked_like_those_of_a_file():

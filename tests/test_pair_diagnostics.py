@@ -7,10 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import diagnostics, extremes, fourier, marching, shapes, status
-from jaxves.equation import equation_for
-from jaxves.motion import Unknowns
-from jaxves.scene import dc_field, make_scene
+from jaxves.base import status
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import extremes, shapes
+from jaxves.numerics import fourier
+from jaxves.observables import diagnostics
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.stepping import marching
 
 DIRECTION = np.array([0.6, 0.8])
 

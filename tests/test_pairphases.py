@@ -6,8 +6,9 @@ import sys
 import numpy as np
 import pytest
 
-from jaxves import pairphases, summary
-from jaxves.store import Record
+from jaxves.cli import run_summary
+from jaxves.observables import pair_classes
+from jaxves.results.run_store import Record
 
 T = np.linspace(0, 8, 161)
 FIELD = np.pi / 2
@@ -48,36 +49,36 @@ HISTORIES = {
 @pytest.mark.parametrize("name", HISTORIES)
 def test_a_history_has_its_class(name):
     word, (t, angle, separation, gap) = HISTORIES[name]
-    assert pairphases.classify(t, angle, separation, gap, FIELD) == word
+    assert pair_classes.classify(t, angle, separation, gap, FIELD) == word
 
 
 @pytest.mark.parametrize("name", HISTORIES)
 def test_the_class_knows_no_frame(name):
     """Neither the numbering of the vesicles, nor mirroring, nor turning everything changes it, nor rows of NaN."""
     word, (t, angle, separation, gap) = HISTORIES[name]
-    assert pairphases.classify(t, angle + np.pi, separation, gap, FIELD) == word
-    assert pairphases.classify(t, angle + 0.7, separation, gap, FIELD + 0.7) == word
-    assert pairphases.classify(t, np.pi - angle, separation, gap, FIELD) == word
+    assert pair_classes.classify(t, angle + np.pi, separation, gap, FIELD) == word
+    assert pair_classes.classify(t, angle + 0.7, separation, gap, FIELD + 0.7) == word
+    assert pair_classes.classify(t, np.pi - angle, separation, gap, FIELD) == word
     ended = [np.append(f, [np.nan, np.nan]) for f in (t, angle, separation, gap)]
-    assert pairphases.classify(*ended, FIELD) == word
+    assert pair_classes.classify(*ended, FIELD) == word
 
 
 def test_swings_are_counted_between_passages_through_the_field():
     """Tilt 0.4 sin: the first swing begins at the first passage, the last complete one ends at the last."""
     tilt = 0.4 * np.sin(np.linspace(-1.0, 10.0, 1101))  # passages at 0, π, 2π, 3π
-    np.testing.assert_allclose(pairphases.swings(tilt), [0.4, -0.4, 0.4], atol=1e-4)
-    assert len(pairphases.swings(np.ones(5))) == 0
+    np.testing.assert_allclose(pair_classes.swings(tilt), [0.4, -0.4, 0.4], atol=1e-4)
+    assert len(pair_classes.swings(np.ones(5))) == 0
 
 
 def test_nothing_known_is_open():
     nothing = np.full(3, np.nan)
-    assert pairphases.classify(nothing, nothing, nothing, nothing, 0.0) == "open"
+    assert pair_classes.classify(nothing, nothing, nothing, nothing, 0.0) == "open"
     one = np.zeros(1)
-    assert pairphases.classify(one, one, one + 2, one + 1, 0.0) == "open"
+    assert pair_classes.classify(one, one, one + 2, one + 1, 0.0) == "open"
 
 
 def test_classifying_saved_numbers_needs_no_jax():
-    code = "import sys; from jaxves import pairphases; sys.exit('jax' in sys.modules)"
+    code = "import sys; from jaxves.observables import pair_classes; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -90,7 +91,7 @@ def test_a_result_is_classified_in_the_frame_of_its_field():
     def class_in(direction):
         scene = f"[field]\ndirection = {direction}\n"
         shapes = np.zeros((161, 2, 4, 2)), None, nothing, np.full((161, 2), 4), np.arange(161)
-        return summary.pair_class(Record(t, *shapes, found, None, {}, "complete", scene))
+        return run_summary.pair_class(Record(t, *shapes, found, None, {}, "complete", scene))
 
     assert class_in([-1.0, 0.0]) == "chain"
     assert class_in([0.0, 1.0]) == "slanted"

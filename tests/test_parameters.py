@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves.build import build
-from jaxves.parameters import numbers, scene_of, with_numbers
-from jaxves.scenefile import load, parse
-from jaxves.tables import SceneError
+from jaxves.inputs.checking import SceneError
+from jaxves.inputs.parameters import numbers, with_numbers
+from jaxves.inputs.scene_files import parse, read_scene
+from jaxves.runs.build import build, scene_of
 
 PAIR = {
     "t_end": 1.0,
@@ -25,7 +25,7 @@ def leaves(scene):
 
 
 def test_all_numbers_of_a_scene_have_names():
-    found = numbers(load("pop"))
+    found = numbers(read_scene("pop"))
     assert found["vesicle.reduced_area"] == 0.9
     assert found["field.beta"] == 3.2
     assert found["field.direction[1]"] == 1.0
@@ -87,4 +87,4 @@ def test_a_name_the_scene_does_not_have_is_refused_with_those_it_has(name):
 
 def test_a_table_the_scene_does_not_have_is_refused():
     with pytest.raises(SceneError, match=r"flow\.capillary_number = 1\.0, expected one of the numbers"):
-        with_numbers(load("pop"), {"flow.capillary_number": 1.0})
+        with_numbers(read_scene("pop"), {"flow.capillary_number": 1.0})

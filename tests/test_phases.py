@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import phases
+from jaxves.observables import classes
 
 HISTORIES = {
     "P": [[0.3, 0.2, 0.1, 0.25], [0.3, -0.005, 0.1], [-0.2, -0.1, 0.1, 0.2], [0.0, 0.3], [0.3]],
@@ -21,27 +21,27 @@ CASES = [(name, history) for name, histories in HISTORIES.items() for history in
 
 @pytest.mark.parametrize(("name", "history"), CASES)
 def test_a_history_has_its_class(name, history):
-    assert phases.NAMES[int(phases.classify(np.array(history)))] == name
+    assert classes.NAMES[int(classes.classify(np.array(history)))] == name
 
 
 @pytest.mark.parametrize(("name", "history"), CASES)
 def test_rows_after_an_early_end_change_nothing(name, history):
-    assert phases.NAMES[int(phases.classify(np.array([*history, np.nan, np.nan])))] == name
+    assert classes.NAMES[int(classes.classify(np.array([*history, np.nan, np.nan])))] == name
 
 
 def test_many_histories_are_classified_at_once_and_traced():
     many = jnp.stack([jnp.asarray(history[:2]) for _, history in CASES if len(history) > 1], axis=1)
-    traced = jax.jit(phases.classify)(many)
-    one_by_one = [int(phases.classify(np.asarray(column))) for column in many.T]
+    traced = jax.jit(classes.classify)(many)
+    one_by_one = [int(classes.classify(np.asarray(column))) for column in many.T]
     np.testing.assert_array_equal(traced, one_by_one)
-    np.testing.assert_array_equal(jax.vmap(phases.classify, in_axes=1)(many), one_by_one)
+    np.testing.assert_array_equal(jax.vmap(classes.classify, in_axes=1)(many), one_by_one)
 
 
 def test_a_class_is_reached_when_all_have_it_and_the_start_did_not():
     prolate, dips, returns = [0.3, 0.2, 0.1], [0.3, 0.1, -0.1], [0.3, -0.1, 0.3]
 
     def reached(name, *vesicles):
-        return phases.reached(np.array(vesicles).T, name)
+        return classes.reached(np.array(vesicles).T, name)
 
     assert reached("O", dips) and reached("POP", returns)
     assert not reached("P", prolate)
@@ -51,7 +51,5 @@ def test_a_class_is_reached_when_all_have_it_and_the_start_did_not():
 
 
 def test_classifying_saved_numbers_needs_no_jax():
-    code = (
-        "import sys, numpy; from jaxves import phases; phases.classify(numpy.ones(3)); sys.exit('jax' in sys.modules)"
-    )
+    code = "import sys, numpy; from jaxves.observables import classes; classes.classify(numpy.ones(3)); sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -11,11 +11,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from jaxves import moments, plot, shapes
-from jaxves.around import around
-from jaxves.equation import equation_for
-from jaxves.motion import Unknowns
-from jaxves.scene import dc_field, make_scene
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import shapes
+from jaxves.observables.fields import fields_at
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.plots import moments, run_plots
 
 T, N = 7, 32
 FIELD = "[field]\ndirection = [0.0, 1.0]\n"
@@ -60,7 +61,7 @@ def labels(figure):
 def test_a_membrane_is_closed_and_passes_through_its_nodes():
     ax = Figure().add_subplot()
     x = record(2).x[3]
-    segments = np.array(plot.membranes(ax, x).get_segments())
+    segments = np.array(run_plots.membranes(ax, x).get_segments())
     assert len(segments) == 2 * 512
     for m in range(2):
         own = segments[512 * m : 512 * (m + 1)]
@@ -72,7 +73,7 @@ def test_a_membrane_is_closed_and_passes_through_its_nodes():
 def test_a_membrane_is_coloured_by_the_values_at_its_nodes():
     ax = Figure().add_subplot()
     V_m = record().V_m[-1]
-    drawn = plot.membranes(ax, record().x[-1], V_m)
+    drawn = run_plots.membranes(ax, record().x[-1], V_m)
     # The value of a segment lies half of 1/512 of the way past the node: an error of π/512 times the slope.
     np.testing.assert_allclose(drawn.get_array()[:: 512 // N], V_m[0], atol=1.1 * np.pi / 512 * np.abs(V_m).max())
     assert drawn.get_clim()[0] == -drawn.get_clim()[1]
@@ -83,12 +84,12 @@ def test_a_membrane_is_coloured_by_the_values_at_its_nodes():
 
 
 def test_values_of_one_sign_are_scaled_from_least_to_greatest():
-    assert plot.scale(np.array([2.0, 5.0, np.nan])).get_clim() == (2.0, 5.0)
-    assert plot.scale(np.array([-2.0, 5.0])).get_clim() == (-5.0, 5.0)
+    assert run_plots.scale(np.array([2.0, 5.0, np.nan])).get_clim() == (2.0, 5.0)
+    assert run_plots.scale(np.array([-2.0, 5.0])).get_clim() == (-5.0, 5.0)
 
 
 def test_snapshots_share_window_and_colours():
-    figure = plot.snapshots(record(2), times=[0.0, 0.29, 0.6])
+    figure = run_plots.snapshots(record(2), times=[0.0, 0.29, 0.6])
     panels = [ax for ax in figure.axes if ax.get_title()]
     assert [ax.get_title() for ax in panels] == [rf"$t = {t}\,t_\kappa$" for t in ("0", "0.3", "0.6")]
     assert len({(*ax.get_xlim(), *ax.get_ylim()) for ax in panels}) == 1
@@ -114,7 +115,7 @@ def test_snapshots_show_the_instants_at_which_the_shape_changes():
     assert (rows[0], rows[-1]) == (0, 200)
     assert abs(fast.diagnostics["deformation"][rows[2], 0]) < 0.02
     assert fast.diagnostics["deformation"][rows[1], 0] > 0.1 > -0.1 > fast.diagnostics["deformation"][rows[3], 0]
-    panels = [ax.get_title() for ax in plot.snapshots(fast).axes if ax.get_title()]
+    panels = [ax.get_title() for ax in run_plots.snapshots(fast).axes if ax.get_title()]
     assert len(panels) == 5 and panels[2] == r"$t = 0.6\,t_\kappa$"
 
 
@@ -142,8 +143,8 @@ def test_snapshots_follow_two_vesicles_that_move_apart_without_changing_shape():
 def test_a_history_shows_the_inclination_in_degrees_and_only_where_there_is_one():
     """A jump by a right angle through a circle is no motion: no panel by default, a gap when asked for."""
     jumping = flipping()
-    assert [ax.get_ylabel() for ax in plot.history(jumping).axes] == ["$D$"]
-    asked = plot.history(jumping, ["inclination_unwrapped"]).axes[0]
+    assert [ax.get_ylabel() for ax in run_plots.history(jumping).axes] == ["$D$"]
+    asked = run_plots.history(jumping, ["inclination_unwrapped"]).axes[0]
     drawn = asked.lines[0].get_ydata()
     assert asked.get_ylabel() == r"$\theta$ (degrees)"
     assert set(drawn[np.isfinite(drawn)]) == {90.0, 180.0} and np.isnan(drawn[120])
@@ -152,22 +153,22 @@ def test_a_history_shows_the_inclination_in_degrees_and_only_where_there_is_one(
 
     turning = flipping(rest=2.0)
     turning.diagnostics["inclination_unwrapped"] = np.linspace(0, 1.5 * np.pi, 201)[:, None]
-    angle = plot.history(turning).axes[1].lines[0].get_ydata()
+    angle = run_plots.history(turning).axes[1].lines[0].get_ydata()
     np.testing.assert_allclose(angle, np.linspace(0, 270, 201))
 
 
 def test_snapshots_show_the_imposed_field_and_flow_that_are_there():
-    assert r"$\mathbf{E}_\infty$" in labels(plot.snapshots(record()))
-    both = labels(plot.snapshots(record(text=FIELD + SHEAR)))
+    assert r"$\mathbf{E}_\infty$" in labels(run_plots.snapshots(record()))
+    both = labels(run_plots.snapshots(record(text=FIELD + SHEAR)))
     assert {r"$\mathbf{E}_\infty$", r"$\mathbf{v}_\infty$"} <= set(both)
     neither = record(text="", electric=False)
-    assert labels(plot.snapshots(neither)) == ["$a$"]
+    assert labels(run_plots.snapshots(neither)) == ["$a$"]
     del neither.scene
-    assert labels(plot.snapshots(neither)) == ["$a$"]
+    assert labels(run_plots.snapshots(neither)) == ["$a$"]
 
 
 def test_no_labels_of_snapshots_overlap():
-    figure = plot.snapshots(record(2, FIELD + SHEAR), count=T)
+    figure = run_plots.snapshots(record(2, FIELD + SHEAR), count=T)
     figure.draw_without_rendering()
     renderer = figure.canvas.get_renderer() if hasattr(figure.canvas, "get_renderer") else figure._get_renderer()
     words = [ax.title for ax in figure.axes if ax.get_title()] + [
@@ -180,35 +181,35 @@ def test_no_labels_of_snapshots_overlap():
 
 def test_the_color_must_be_one_that_the_record_has():
     bare = record(electric=False, text=SHEAR)
-    assert any("lambda" in ax.get_ylabel() for ax in plot.snapshots(bare).axes)
+    assert any("lambda" in ax.get_ylabel() for ax in run_plots.snapshots(bare).axes)
     with pytest.raises(ValueError, match="'tension'"):
-        plot.snapshots(bare, color="V_m")
+        run_plots.snapshots(bare, color="V_m")
     with pytest.raises(ValueError, match="'V_m' or 'tension'"):
-        plot.snapshots(record(), color="charge")
+        run_plots.snapshots(record(), color="charge")
 
 
 def test_an_uncharged_and_a_broken_off_run_are_drawn_too():
     uncharged = record()
     uncharged.V_m[:] = 0
     uncharged.x[-1] = np.nan
-    plot.snapshots(uncharged).draw_without_rendering()
+    run_plots.snapshots(uncharged).draw_without_rendering()
 
 
 def test_a_history_has_one_line_per_vesicle_and_component():
-    figure = plot.history(record(2), ["deformation", "stress"])
+    figure = run_plots.history(record(2), ["deformation", "stress"])
     first, second = figure.axes
     assert [line.get_label() for line in first.lines] == ["1 ", "2 "]
     assert [line.get_label() for line in second.lines] == ["xx", "xy", "yx", "yy"]
     assert second.get_ylabel() == r"stress ($\kappa_B/a^3$)"
     assert second.get_xlabel() == r"$t/t_\kappa$"
     assert first.get_legend() is not None
-    assert plot.history(record(1), ["deformation"]).axes[0].get_legend() is None
+    assert run_plots.history(record(1), ["deformation"]).axes[0].get_legend() is None
 
 
 def test_a_history_by_default_shows_what_is_there():
-    assert [ax.get_ylabel() for ax in plot.history(record()).axes] == ["$D$"]
+    assert [ax.get_ylabel() for ax in run_plots.history(record()).axes] == ["$D$"]
     with pytest.raises(ValueError, match="deformation, inclination, stress"):
-        plot.history(record(), ["min_gap"])
+        run_plots.history(record(), ["min_gap"])
 
 
 @pytest.fixture(scope="module")
@@ -220,7 +221,7 @@ def charged():
 
 def test_field_lines_reach_the_membrane_from_both_sides(charged):
     equation, y = charged
-    figure = plot.field_lines(equation, 0.1, y, resolution=60)
+    figure = run_plots.field_lines(equation, 0.1, y, resolution=60)
     lines, membrane = curves(figure.axes[0])
     radius = np.hypot(*segments_of(lines).reshape(-1, 2).T)
     assert ((radius < 0.8).sum() > 100) and ((radius > 1.2).sum() > 100)
@@ -233,7 +234,7 @@ def test_stream_lines_follow_the_fluid_and_show_the_tension():
     x = shapes.ellipse(N, 0.9, angle=0.4)  # a circle would hold still, and all velocities be round-off
     equation = equation_for(make_scene(x, field=dc_field(3.0, conductivity_ratio=0.1)))
     y = Unknowns(x[None], 0.5 * x[None, :, 1])
-    figure = plot.streamlines(equation, 0.1, y, resolution=60, window=(-2, 2, -2, 2))
+    figure = run_plots.streamlines(equation, 0.1, y, resolution=60, window=(-2, 2, -2, 2))
     ax = figure.axes[0]
     assert ax.get_xlim() == (-2, 2) and ax.get_ylim() == (-2, 2)
     assert any("lambda" in other.get_ylabel() for other in figure.axes)
@@ -241,7 +242,7 @@ def test_stream_lines_follow_the_fluid_and_show_the_tension():
     segments = segments[np.hypot(*(segments[:, 1] - segments[:, 0]).T) > 1e-3]
     step = segments[:, 1] - segments[:, 0]
     middle = jnp.asarray(segments.mean(axis=1))
-    velocity = np.asarray(jax.jit(lambda: around(equation, 0.1, y, middle).velocity)())
+    velocity = np.asarray(jax.jit(lambda: fields_at(equation, 0.1, y, middle).velocity)())
     cosine = np.sum(step * velocity, axis=1) / np.hypot(*step.T) / np.hypot(*velocity.T)
     assert np.nanmedian(cosine) > 0.999
 
@@ -249,21 +250,21 @@ def test_stream_lines_follow_the_fluid_and_show_the_tension():
 def test_field_lines_need_a_field():
     x = shapes.circle(N)
     with pytest.raises(ValueError, match="field"):
-        plot.field_lines(equation_for(make_scene(x)), 0.0, Unknowns(x[None]))
+        run_plots.field_lines(equation_for(make_scene(x)), 0.0, Unknowns(x[None]))
 
 
 def test_a_film_has_the_frames_asked_for(tmp_path):
     from PIL import Image
 
-    plot.animation(record(), tmp_path / "film.gif", frames=4)
+    run_plots.animation(record(), tmp_path / "film.gif", frames=4)
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 4
 
 
 def test_a_film_that_cannot_be_written_is_refused(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"\.gif or \.mp4"):
-        plot.animation(record(), tmp_path / "film.avi")
-    monkeypatch.setattr(plot.FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+        run_plots.animation(record(), tmp_path / "film.avi")
+    monkeypatch.setattr(run_plots.FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
     with pytest.raises(RuntimeError, match="ffmpeg"):
-        plot.animation(record(), tmp_path / "film.mp4")
+        run_plots.animation(record(), tmp_path / "film.mp4")
     assert not list(tmp_path.iterdir())

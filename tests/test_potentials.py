@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from conftest import circle
 
-from jaxves import fourier
-from jaxves.curve import Curve
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import fourier
+from jaxves.operators.surfaces import Surfaces
 from jaxves.potentials import kernels
-from jaxves.surface import Surfaces
 
 
 @jax.jit

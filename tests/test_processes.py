@@ -18,12 +18,14 @@ import pytest
 from conftest import stored
 
 import jaxves
-from jaxves import fourier, ownership, runner, store, sweepstore
-from jaxves.cli import answer
-from jaxves.earlier import started_from
-from jaxves.ownership import writer_of, writing
-from jaxves.scenefile import parse
-from jaxves.store import StoreError
+from jaxves.cli.commands import answer
+from jaxves.inputs.scene_files import parse
+from jaxves.numerics import fourier
+from jaxves.results import ownership, run_store, sweep_store
+from jaxves.results.ownership import writer_of, writing
+from jaxves.results.run_store import StoreError
+from jaxves.runs import runner
+from jaxves.runs.earlier import started_from
 
 SCENE = """t_end = {t_end}
 saves = {saves}
@@ -144,13 +146,13 @@ def test_a_second_run_in_the_same_process_is_refused_even_before_the_file_exists
             refused.append(said)
 
     assert runner.run(scene(), path, progress=second) == "complete"
-    assert refused and "beta = 1.0" in store.load(path).scene
+    assert refused and "beta = 1.0" in run_store.read_result(path).scene
     assert names(tmp_path) == ["out.h5"]
 
 
 def test_a_command_is_refused_before_anything_slow_is_imported(finished, holder, tmp_path):
     (tmp_path / "scene.toml").write_text(text())
-    program = "import sys; from jaxves.cli import answer; print(answer(sys.argv[1:]), 'jax' in sys.modules)"
+    program = "import sys; from jaxves.cli.commands import answer; print(answer(sys.argv[1:]), 'jax' in sys.modules)"
     for how in ("--force", "--resume"):
         arguments = ["run", tmp_path / "scene.toml", "--out", finished, how]
         done = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=True)
@@ -276,7 +278,7 @@ def test_a_run_whose_file_is_taken_away_keeps_its_rows_elsewhere_and_says_so(tmp
         assert path.read_bytes() == b"of someone else"
     assert {".out.h5.lock", "out.h5.part"}.isdisjoint(names(tmp_path))
     # Nothing is lost: the copy goes on to the bits of a run that nobody disturbed.
-    assert len(store.load(kept).t) == (3 if seconds == 0 else 5)
+    assert len(run_store.read_result(kept).t) == (3 if seconds == 0 else 5)
     assert runner.run(scene(), kept, resume=True) == "complete"
     assert runner.run(scene(), tmp_path / "whole.h5") == "complete"
     assert stored(kept) == stored(tmp_path / "whole.h5")
@@ -288,7 +290,7 @@ def test_a_lost_run_does_not_overwrite_what_an_earlier_one_saved(tmp_path, monke
     with pytest.raises(runner.Broken, match=r"out\.lost1\.h5"):
         runner.run(scene(), path, progress=After(2, path.unlink))
     assert (tmp_path / "out.lost.h5").read_bytes() == b"precious"
-    assert len(store.load(tmp_path / "out.lost1.h5").t) == 5
+    assert len(run_store.read_result(tmp_path / "out.lost1.h5").t) == 5
 
 
 def test_a_symbolic_link_stays_one_and_its_file_has_one_writer(tmp_path):
@@ -298,7 +300,7 @@ def test_a_symbolic_link_stays_one_and_its_file_has_one_writer(tmp_path):
     with writing(real), pytest.raises(StoreError, match="being written by another run"):
         runner.run(scene(), link)
     assert runner.run(scene(), link) == "complete"
-    assert link.is_symlink() and store.load(real).status == "complete"
+    assert link.is_symlink() and run_store.read_result(real).status == "complete"
     assert names(tmp_path) == ["link.h5", "there"] and names(tmp_path / "there") == ["real.h5"]
 
 
@@ -340,7 +342,7 @@ def test_the_file_of_a_sweep_has_one_writer_and_is_not_overwritten_when_taken_aw
         jaxves.sweep(SWEEP, path, devices=1, batch=1, progress=at_first_case)
     assert path.read_bytes() == b"of someone else"
     kept = tmp_path / "sweep.lost.h5"
-    assert sweepstore.load(kept).counts() == {"complete": 2, "pending": 1}
+    assert sweep_store.read_sweep(kept).counts() == {"complete": 2, "pending": 1}
     assert "sweep cut off" in call("show", kept)[1]
     with writing(kept):
         assert "sweep running" in call("show", kept)[1]
@@ -370,9 +372,9 @@ def test_an_interrupted_run_is_extended_twice_and_by_one_saved_time(tmp_path, wh
     assert runner.run(scene(), path, progress=After(2, interrupt)) == "interrupted"
     longer = extended(t_end=0.05, saves=5)
     assert runner.run(longer, path, resume=True, progress=After(1, interrupt)) == "interrupted"
-    assert len(store.load(path).t) == 4
+    assert len(run_store.read_result(path).t) == 4
     assert runner.run(longer, path, resume=True) == "complete"
-    assert len(store.load(path).t) == 6
+    assert len(run_store.read_result(path).t) == 6
     assert runner.run(extended(), path, resume=True) == "complete"
     assert stored(path) == stored(whole)
 
@@ -386,13 +388,13 @@ def test_what_was_found_at_the_end_is_found_anew(tmp_path):
 
     path = tmp_path / "out.h5"
     runner.run(longer(0.04, 4), path)
-    first = store.load(path)
+    first = run_store.read_result(path)
     assert first.averages and first.attributes["error"] > 0
     assert runner.run(longer(0.08, 8), path, resume=True, progress=After(1, interrupt)) == "interrupted"
-    assert "error" not in store.load(path).attributes
+    assert "error" not in run_store.read_result(path).attributes
     runner.run(longer(0.08, 8), path, resume=True)
     runner.run(longer(0.08, 8), tmp_path / "whole.h5")
-    again, straight = store.load(path), store.load(tmp_path / "whole.h5")
+    again, straight = run_store.read_result(path), run_store.read_result(tmp_path / "whole.h5")
     assert again.attributes["error"] == straight.attributes["error"]
     assert stored(path) == stored(tmp_path / "whole.h5")
 
@@ -435,7 +437,7 @@ def test_a_run_that_starts_where_another_was_goes_the_same_way(earlier, tmp_path
     """Within the tolerance of the steps: a start without V_m would be far off."""
     path = tmp_path / "b.h5"
     assert runner.run(other(shape="angle = 17.0\ncenter = [3.0, 1.0]\n"), path, start=earlier, at=0.041) == "complete"
-    a, b = store.load(earlier), store.load(path)
+    a, b = run_store.read_result(earlier), run_store.read_result(path)
     np.testing.assert_allclose(b.t, [0, 0.01, 0.02, 0.03, 0.04], atol=1e-15)
     np.testing.assert_allclose(b.x[0], a.x[4], atol=1e-12)
     np.testing.assert_allclose(b.V_m[0], a.V_m[4], atol=1e-12)
@@ -458,7 +460,7 @@ def test_it_is_resumed_to_the_last_bit_without_the_file_it_started_from(earlier,
 
 @pytest.mark.parametrize(("nodes", "expected"), [(24, 24), (48, 48), ('"auto"', 64)])
 def test_another_number_of_nodes_describes_the_same_curve(earlier, nodes, expected):
-    scene_file, record = other(nodes=nodes), store.load(earlier)
+    scene_file, record = other(nodes=nodes), run_store.read_result(earlier)
     start, _ = started_from(earlier, None, scene_file)
     assert start.x.shape == (1, expected, 2) and start.V_m.shape == (1, expected)
     # A point of the new curve lies on the old one, with the potential that is there.
@@ -472,7 +474,7 @@ def test_another_number_of_nodes_describes_the_same_curve(earlier, nodes, expect
 def test_a_membrane_potential_is_taken_over_where_both_have_a_field(earlier, tmp_path):
     without = other(0.02, 2, beta=None)
     assert runner.run(without, tmp_path / "none.h5", start=earlier) == "complete"
-    assert store.load(tmp_path / "none.h5").V_m is None
+    assert run_store.read_result(tmp_path / "none.h5").V_m is None
     start, _ = started_from(tmp_path / "none.h5", None, other())
     assert start.V_m is None and start.field is not None
 

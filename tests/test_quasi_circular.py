@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from experiments import quasi_circular as q
-from jaxves import shapes
-from jaxves.equation import equation_for
-from jaxves.flow import Shear
-from jaxves.motion import Unknowns
-from jaxves.scene import dc_field, make_scene
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import dc_field, make_scene
 
 NUMBERS = q.Numbers(beta=2.0, ratio=0.3, conductance=0.2, shear=3.0, direction=1.2)
 

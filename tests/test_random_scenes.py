@@ -3,7 +3,7 @@
 import numpy as np
 
 from experiments import random_scenes
-from jaxves.scenefile import parse, to_toml, tomllib
+from jaxves.inputs.scene_files import parse, to_toml, tomllib
 
 
 def case(word="complete", stated=1e-4, true=1e-4, finer="complete"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxves
-from jaxves import status
+from jaxves.base import status
 
 README = Path(__file__).parent.parent / "README.md"
 
@@ -43,7 +43,8 @@ def test_the_readme_lists_every_status_that_a_run_can_end_with():
     assert [word for word in status.WORDS.values() if word != "running" and f"`{word}`" not in text] == []
 
 
-def test_functions_that_share_the_name_of_their_module_have_one_of_their_own():
-    assert jaxves.find_critical_field is jaxves.critical_field.critical_field
-    assert jaxves.find_steady_shape is jaxves.steady.steady
-    assert jaxves.fit_scene is jaxves.fit.fit
+def test_every_public_name_is_there_and_one_that_is_not_public_is_not():
+    assert [name for name in jaxves.__all__ if getattr(jaxves, name) is None] == []
+    assert callable(jaxves.critical_field) and callable(jaxves.steady_shape) and callable(jaxves.fit)
+    with pytest.raises(AttributeError, match="marching"):
+        jaxves.marching  # noqa: B018

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxves.refinement import wanted
+from jaxves.sweeps.refinement import wanted
 
 N, STRIDE = 65, (8, 8)
 

@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import marching, shapes, stepping
-from jaxves.equation import equation_for
-from jaxves.flow import Shear
-from jaxves.history import Pulse
-from jaxves.marching import Adaptive, simulate
-from jaxves.scene import dc_field, make_scene
+from jaxves.equation.equation import equation_for
+from jaxves.geometry import shapes
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.physics.waveform import Pulse
+from jaxves.stepping import control, marching
+from jaxves.stepping.marching import Adaptive, simulate
 
 MARCH = Adaptive(1e-3, recorded=64)
 T_END = 0.03
@@ -63,7 +64,7 @@ def test_derivatives_are_those_of_the_steps_made():
     def parts(scales):
         s = scene(scales)
         equation = equation_for(s)
-        return equation, stepping.initial_state(equation, MARCH), marching.stops_of(s, T_END)
+        return equation, control.initial_state(equation, MARCH), marching.stops_of(s, T_END)
 
     equation, state, stops = parts(ONES)
     times, checks = jnp.array([T_END]), marching.Checks()

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from conftest import Stops, star, stored
 
-from jaxves import fourier, problem, resolution, runner, store
-from jaxves.equation import Filter
-from jaxves.scenefile import parse
+from jaxves.equation.equation import Filter
+from jaxves.inputs.scene_files import parse
+from jaxves.numerics import fourier
+from jaxves.results import run_store
+from jaxves.runs import adapt_nodes, problem, runner
 
 
 def pop(nodes):
@@ -29,37 +31,37 @@ def test_the_monitor_is_the_spectral_tail_of_a_resampled_curve():
     for N in (32, 48, 96):
         cut = Filter.for_nodes(N).x
         tail = fourier.spectral_tail(fourier.resample(x, N, axis=0), cut)
-        np.testing.assert_allclose(resolution._tail(np.asarray(x)[None], N, cut), tail, rtol=1e-6, atol=1e-15)
+        np.testing.assert_allclose(adapt_nodes._tail(np.asarray(x)[None], N, cut), tail, rtol=1e-6, atol=1e-15)
 
 
 def test_the_monitor_asks_for_what_shape_potential_or_tension_lack():
     k = 22
     ripple = 1e-3 * np.cos(k * np.asarray(fourier.grid(64)))
     smooth = row(64)
-    assert resolution.demand(smooth, 64) < 1e-12
+    assert adapt_nodes.demand(smooth, 64) < 1e-12
     for name, factor in (("V_m", 1.0), ("tension", 1e-3)):
         rough = row(64, **{name: smooth[name] + ripple})
-        assert 1e-4 < resolution.demand(rough, 48) / factor < 1e-2  # the mode is among the last of 48 nodes,
-        assert resolution.demand(rough, 64) < 1e-12  # and far from the last of 64
-    assert resolution.necks_hold(smooth, 32)
-    assert not resolution.necks_hold(row(64, **{"diagnostics/self_gap": np.array([[0.3]])}), 64)
+        assert 1e-4 < adapt_nodes.demand(rough, 48) / factor < 1e-2  # the mode is among the last of 48 nodes,
+        assert adapt_nodes.demand(rough, 64) < 1e-12  # and far from the last of 64
+    assert adapt_nodes.necks_hold(smooth, 32)
+    assert not adapt_nodes.necks_hold(row(64, **{"diagnostics/self_gap": np.array([[0.3]])}), 64)
 
 
 @pytest.mark.slow
 def test_a_run_takes_the_nodes_that_it_needs(tmp_path, monkeypatch):
     """Squaring wants 64, on the way back too; between 48 do. Same answer as with 64, and the same bits when resumed."""
-    for module in (problem, resolution):
+    for module in (problem, adapt_nodes):
         monkeypatch.setattr(module, "AUTO_NODES", (48, 64))
     auto, fixed, parts = (tmp_path / name for name in ("auto.h5", "fixed.h5", "parts.h5"))
     assert runner.run(pop('"auto"'), auto) == "complete"
-    found = store.load(auto)
+    found = run_store.read_result(auto)
     assert found.x.shape == (17, 1, 64, 2)
     used = found.nodes[:, 0]
     assert set(used) == {48, 64} and used[0] == 64
     assert np.any(np.diff(used) > 0)  # and more again, when it came back
     assert found.diagnostics["metric_error"].max() < 1e-4
     assert runner.run(pop(64), fixed) == "complete"
-    right = store.load(fixed)
+    right = run_store.read_result(fixed)
     # Changing nodes may cost what goes to space, a hundredth of the tolerance. What one Newton step of the projection
     # leaves of the longest steps is more than that, and the same in both.
     for name in ("area", "length"):

@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from conftest import Stops, stored
 
-from jaxves import fourier, marching, problem, runner, status, store
-from jaxves.certificate import certificate
-from jaxves.equation import Filter
-from jaxves.scenefile import parse
+from jaxves.base import status
+from jaxves.equation.equation import Filter
+from jaxves.inputs.scene_files import parse
+from jaxves.numerics import fourier
+from jaxves.observables.certificate import certificate
+from jaxves.results import run_store
+from jaxves.runs import problem, runner
+from jaxves.stepping import marching
 
 BASE = "t_end = {t_end}\nsaves = {saves}\n"
 VESICLE = "[[vesicle]]\nreduced_area = {}\nangle = 90.0\n"
@@ -37,7 +41,7 @@ def test_a_run_interrupted_and_resumed_has_the_bits_of_an_uninterrupted_one(tmp_
     whole, parts = tmp_path / "whole.h5", tmp_path / "parts.h5"
     assert runner.run(scene_file, whole) == "complete"
     assert runner.run(scene_file, parts, progress=Stops(5)) == "interrupted"
-    record = store.load(parts)
+    record = run_store.read_result(parts)
     assert len(record.t) == 6 and record.status == "interrupted" and "--resume" in record.attributes["advice"]
     assert stored(parts) != stored(whole)
     # Written in other blocks, and stopped once more.
@@ -52,7 +56,7 @@ def test_a_result_holds_the_start_all_saved_times_and_what_made_it(tmp_path):
     path = tmp_path / "pop.h5"
     seen = []
     runner.run(pop(), path, progress=lambda t, text: seen.append(t))
-    record = store.load(path)
+    record = run_store.read_result(path)
     np.testing.assert_allclose(record.t, 0.06 * np.arange(13) / 12, rtol=1e-15)
     assert seen[-1] == 0.06 and sorted(seen) == seen and len(seen) >= 13
     start = problem.starting_scene(pop()).x
@@ -74,7 +78,7 @@ def test_a_file_is_resumed_with_its_own_scene_only(tmp_path):
     path = tmp_path / "pop.h5"
     runner.run(pop(), path, progress=Stops(3))
     before = path.read_bytes()
-    with pytest.raises(store.StoreError, match="another scene"):
+    with pytest.raises(run_store.StoreError, match="another scene"):
         runner.run(pop(area=0.8), path, resume=True)
     assert path.read_bytes() == before
 
@@ -83,7 +87,7 @@ def test_a_run_ends_at_the_row_at_which_its_class_is_reached(tmp_path):
     path = tmp_path / "pop.h5"
     scene_file = pop(t_end=0.6, saves=60, stop='[stop]\nclass = "O"\n', average="average = [0.0, 0.6]\n")
     assert runner.run(scene_file, path) == "class reached"
-    deformation = store.load(path).diagnostics["deformation_along_field"]
+    deformation = run_store.read_result(path).diagnostics["deformation_along_field"]
     assert len(deformation) < 61
     assert np.all(deformation[:-1] >= -0.01) and deformation[-1, 0] < -0.01
 
@@ -91,39 +95,39 @@ def test_a_run_ends_at_the_row_at_which_its_class_is_reached(tmp_path):
 def test_a_run_that_breaks_down_keeps_its_rows_and_says_why(tmp_path):
     path = tmp_path / "broken.h5"
     word = runner.run(pop(area=0.4, t_end=0.6, saves=60, average="average = [0.0, 0.6]\n"), path)
-    record = store.load(path)
+    record = run_store.read_result(path)
     assert word == record.status and word not in {*status.SUCCESS, "interrupted"}
     assert 1 <= len(record.t) < 61 and np.all(np.isfinite(record.t)) and np.all(np.isfinite(record.x))
     assert record.attributes["advice"] == status.ADVICE[word]
-    with pytest.raises(store.StoreError, match=word):
+    with pytest.raises(run_store.StoreError, match=word):
         runner.run(pop(area=0.4, t_end=0.6, saves=60, average="average = [0.0, 0.6]\n"), path, resume=True)
 
 
 def test_a_disk_that_fails_ends_the_run_with_its_reason(tmp_path, monkeypatch):
     path = tmp_path / "full.h5"
-    append = store.Writer.append
+    append = run_store.Writer.append
 
     def until_full(self, block, restart):
         if self.saved >= 4:
-            raise store.StoreError(f"cannot write {path}: No space left on device")
+            raise run_store.StoreError(f"cannot write {path}: No space left on device")
         append(self, block, restart)
 
     monkeypatch.setattr(runner, "_SECONDS", 0.0)
-    monkeypatch.setattr(store.Writer, "append", until_full)
+    monkeypatch.setattr(run_store.Writer, "append", until_full)
     with pytest.raises(runner.Broken, match="No space left"):
         runner.run(pop(), path)
-    assert len(store.load(path).t) == 4
+    assert len(run_store.read_result(path).t) == 4
 
 
 def test_a_relaxed_vesicle_starts_at_rest_in_its_place_and_direction(tmp_path):
     """With `steady`, such a run ends at its first saved time."""
     path = tmp_path / "relaxed.h5"
     assert runner.run(quiet(), path) == "steady"
-    record = store.load(path)
+    record = run_store.read_result(path)
     assert len(record.t) == 2
     ellipse = tmp_path / "ellipse.h5"
     runner.run(quiet(relaxed="false"), ellipse)
-    first = store.load(ellipse)
+    first = run_store.read_result(ellipse)
     assert len(first.t) > 2
     assert record.diagnostics["bending_energy"][0] < first.diagnostics["bending_energy"][0] - 1e-3
     for name, tolerance in {"area": 1e-7, "length": 1e-7, "center": 1e-6}.items():
@@ -134,10 +138,10 @@ def test_a_relaxed_vesicle_starts_at_rest_in_its_place_and_direction(tmp_path):
 def test_a_vesicle_that_does_not_relax_is_named_in_the_file(tmp_path):
     path = tmp_path / "tight.h5"
     word = runner.run(quiet(area=0.15), path)
-    record = store.load(path)
+    record = run_store.read_result(path)
     assert word == record.status not in status.SUCCESS
     assert len(record.t) == 1 and "vesicle 0 did not relax" in record.attributes["advice"]
-    with pytest.raises(store.StoreError):
+    with pytest.raises(run_store.StoreError):
         runner.run(quiet(area=0.15), path, resume=True)
 
 
@@ -166,7 +170,7 @@ def test_the_error_of_a_run_is_known_within_a_factor_of_three(tmp_path):
     for tolerance in (1e-4, 1e-8):
         scene_file = pop(t_end=0.3, saves=6, nodes=64, average="", numerics=f"tolerance = {tolerance}\n")
         assert runner.run(scene_file, tmp_path / f"{tolerance}.h5") == "complete"
-        records[tolerance] = store.load(tmp_path / f"{tolerance}.h5")
+        records[tolerance] = run_store.read_result(tmp_path / f"{tolerance}.h5")
     rough, fine = records[1e-4], records[1e-8]
     true = max(np.max(np.abs(rough.x - fine.x)), np.max(np.abs(rough.V_m - fine.V_m)))
     assert true / 3 < rough.attributes["error"] < 3 * true
@@ -176,7 +180,7 @@ def test_the_error_of_a_run_is_known_within_a_factor_of_three(tmp_path):
 def test_the_error_of_a_run_is_estimated_where_it_is_wanted(tmp_path):
     for number, (numerics, wanted) in enumerate((("certify = false\n", False), (METHODS["fixed"], True))):
         runner.run(pop(numerics=numerics), tmp_path / f"{number}.h5")
-        assert ("error" in store.load(tmp_path / f"{number}.h5").attributes) == wanted
+        assert ("error" in run_store.read_result(tmp_path / f"{number}.h5").attributes) == wanted
 
 
 def test_runs_that_differ_in_numbers_share_their_programs(tmp_path, calls_of):

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import flow, history
-from jaxves.build import build
-from jaxves.case import Case
-from jaxves.curve import Curve, area, centroid, inclination, length, reduced_area
-from jaxves.scenefile import SceneError, builtin_names, load, parse, to_toml
+from jaxves.geometry.curve import Curve, area, centroid, inclination, length, reduced_area
+from jaxves.inputs.scene_files import SceneError, built_in_scenes, parse, read_scene, to_toml
+from jaxves.physics import flow, waveform
+from jaxves.runs.build import build
+from jaxves.runs.case import Case
 
 BASE = """
 t_end = 1.0
@@ -124,7 +124,7 @@ def test_a_broken_scene_is_refused_in_one_line_with_key_value_and_what_was_expec
     path = tmp_path / "scene.toml"
     path.write_text(text)
     with pytest.raises(SceneError) as complaint:
-        load(path)
+        read_scene(path)
     line = str(complaint.value)
     assert "\n" not in line
     found, _, wanted = line.removeprefix(f"{path}: ").partition(", expected ")
@@ -158,13 +158,13 @@ def test_what_is_no_scene_file_at_all_is_refused_in_one_line(tmp_path):
     }
     for source, words in cases.items():
         with pytest.raises(SceneError) as complaint:
-            load(source)
+            read_scene(source)
         assert words in str(complaint.value) and str(source) in str(complaint.value)
         assert "\n" not in str(complaint.value)
 
 
 def test_bad_input_is_answered_without_importing_jax():
-    code = "import sys; from jaxves import scenefile; scenefile.load('chain'); sys.exit('jax' in sys.modules)"
+    code = "import sys; import jaxves; jaxves.read_scene('chain'); sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -188,12 +188,12 @@ def write_points(folder, points, suffix=".csv"):
 
 @pytest.mark.parametrize("suffix", [".csv", ".txt", ".npy"])
 def test_points_are_read_from_beside_the_scene_file(tmp_path, suffix):
-    scene_file = load(write_points(tmp_path, star(), suffix))
+    scene_file = read_scene(write_points(tmp_path, star(), suffix))
     np.testing.assert_allclose(scene_file.vesicle[0].points, star(), atol=1e-15)
 
 
 def test_clockwise_points_are_turned(tmp_path):
-    (vesicle,) = load(write_points(tmp_path, star()[::-1])).vesicle
+    (vesicle,) = read_scene(write_points(tmp_path, star()[::-1])).vesicle
     np.testing.assert_allclose(vesicle.points, star(), atol=1e-15)
 
 
@@ -217,7 +217,7 @@ def figure_of_eight():
 def test_points_that_are_no_closed_curve_are_refused(tmp_path, points, words):
     path = write_points(tmp_path, points)
     with pytest.raises(SceneError) as complaint:
-        load(path)
+        read_scene(path)
     line = str(complaint.value)
     assert 'vesicle[0].file = "shape.csv", expected ' in line and words in line and "\n" not in line
 
@@ -226,18 +226,18 @@ def test_a_file_of_points_that_is_not_there_is_named(tmp_path):
     path = write_points(tmp_path, star())
     (tmp_path / "shape.csv").unlink()
     with pytest.raises(SceneError, match=r'vesicle\[0\]\.file = "shape\.csv", expected .*No such file'):
-        load(path)
+        read_scene(path)
 
 
 def test_points_become_a_curve_of_the_given_length_angle_and_center(tmp_path):
     path = write_points(tmp_path, 3.0 * star() * [1.0, 0.6] + [5.0, 7.0])
     path.write_text(path.read_text() + "length = 2.0\nangle = 30.0\ncenter = [-1.0, 0.5]\n")
-    (x,) = build(load(path)).x
+    (x,) = build(read_scene(path)).x
     curve = Curve.from_nodes(x)
     np.testing.assert_allclose(length(curve), 4 * np.pi, rtol=1e-12)
     np.testing.assert_allclose(centroid(curve), [-1.0, 0.5], atol=1e-12)
     path.write_text(path.read_text().replace("30.0", "0.0"))
-    straight = Curve.from_nodes(build(load(path)).x[0])
+    straight = Curve.from_nodes(build(read_scene(path)).x[0])
     np.testing.assert_allclose(inclination(curve) - inclination(straight), np.pi / 6, atol=1e-10)
 
 
@@ -295,9 +295,9 @@ method = "euler"
 
 TIMES = {
     "kind = 'constant'": type(None),
-    "kind = 'pulse'\nstart = 0.1\nduration = 0.5": history.Pulse,
-    "kind = 'sine'\nfrequency = 1": history.Sine,
-    "kind = 'table'\ntimes = [0, 1, 3]\nvalues = [0.0, 2.0, -1.0]": history.Table,
+    "kind = 'pulse'\nstart = 0.1\nduration = 0.5": waveform.Pulse,
+    "kind = 'sine'\nfrequency = 1": waveform.Sine,
+    "kind = 'table'\ntimes = [0, 1, 3]\nvalues = [0.0, 2.0, -1.0]": waveform.PiecewiseLinear,
 }
 
 
@@ -346,7 +346,7 @@ def test_a_written_scene_is_complete_with_defaults_and_without_what_is_absent():
 
 def test_points_are_written_out_so_that_their_file_is_no_longer_needed(tmp_path):
     path = write_points(tmp_path, star())
-    scene_file = load(path)
+    scene_file = read_scene(path)
     (tmp_path / "shape.csv").unlink()
     assert parse(tomllib.loads(to_toml(scene_file))) == scene_file
 
@@ -412,14 +412,14 @@ BUILTIN = {
 
 
 def test_the_built_in_scenes_are_known_with_a_line_each():
-    names = builtin_names()
+    names = built_in_scenes()
     assert set(names) == set(BUILTIN)
     assert all(len(line) > 20 for line in names.values())
 
 
 @pytest.mark.parametrize("name", BUILTIN)
 def test_a_built_in_scene_loads_and_builds(name):
-    scene_file = load(name)
+    scene_file = read_scene(name)
     assert parse(tomllib.loads(to_toml(scene_file))) == scene_file
     scene = build(scene_file)
     assert scene.x.shape == (*BUILTIN[name], 2)

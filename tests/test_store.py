@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxves.store import HISTORY, Description, StoreError, Writer, load, resume, state
+from jaxves.results.run_store import HISTORY, Description, StoreError, Writer, read_result, resume, state
 
 SCENE = 'β = 1\n"x" = 2'
 TIMES = np.linspace(0.0, 1.0, 6)
@@ -77,7 +77,7 @@ def test_what_was_written_is_read(tmp_path, history):
         writer.append(rows(history, 0, 1), STATES[0])
         writer.append(rows(history, 1, 6), STATES[5])
         writer.finish("complete", "nothing to do", 12.5, AVERAGES)
-    record = load(tmp_path / "run.h5")
+    record = read_result(tmp_path / "run.h5")
     assert_holds(record, history)
     assert (record.status, record.scene) == ("complete", 'β = 1\n"x" = 2')
     assert record.attributes["advice"] == "nothing to do"
@@ -92,7 +92,7 @@ def test_a_run_without_a_field_has_no_potential(tmp_path, history):
     datasets = {name: described for name, described in DATASETS.items() if name != "V_m"}
     with new(tmp_path / "run.h5", datasets=datasets) as writer:
         writer.append({name: history[name] for name in datasets}, {})
-    record = load(tmp_path / "run.h5")
+    record = read_result(tmp_path / "run.h5")
     assert record.V_m is None
     assert record.averages is None
     with h5py.File(tmp_path / "run.h5") as file:
@@ -102,7 +102,7 @@ def test_a_run_without_a_field_has_no_potential(tmp_path, history):
 def test_an_unfinished_file_holds_its_rows_and_says_so(tmp_path, history):
     with new(tmp_path / "run.h5") as writer:
         writer.append(rows(history, 0, 4), STATES[3])
-    record = load(tmp_path / "run.h5")
+    record = read_result(tmp_path / "run.h5")
     assert_holds(record, rows(history, 0, 4))
     assert record.status == "running"
     with h5py.File(tmp_path / "run.h5") as file:
@@ -132,7 +132,7 @@ def test_a_resumed_run_goes_on_where_rows_and_state_agree(tmp_path, history, fin
         writer.append(rows(history, 4, 6), STATES[5])
         writer.finish("complete", "", 2.0, {"area": AVERAGES["area"]})
     assert record_while_running == 4
-    record = load(tmp_path / "run.h5")
+    record = read_result(tmp_path / "run.h5")
     assert_holds(record, history)
     assert record.attributes["wall_time"] == (3.0 if finished else 2.0)
     assert record.averages.keys() == {"area"}
@@ -147,7 +147,7 @@ def test_a_state_may_change_its_shapes(tmp_path, history):
     leaves, writer = state(tmp_path / "run.h5"), resume(tmp_path / "run.h5", SCENE, TIMES)
     writer.close()
     assert_same_leaves(leaves, finer)
-    assert_holds(load(tmp_path / "run.h5"), rows(history, 0, 5))
+    assert_holds(read_result(tmp_path / "run.h5"), rows(history, 0, 5))
 
 
 def test_a_row_without_its_commit_does_not_count(tmp_path, history):
@@ -162,7 +162,7 @@ def test_a_row_without_its_commit_does_not_count(tmp_path, history):
         assert writer.saved == 3
         assert_same_leaves(leaves, STATES[2])
         writer.append(rows(history, 3, 6), STATES[5])
-    assert_holds(load(tmp_path / "run.h5"), history)
+    assert_holds(read_result(tmp_path / "run.h5"), history)
 
 
 def test_blocks_which_do_not_fit_are_refused(tmp_path, history):
@@ -174,7 +174,7 @@ def test_blocks_which_do_not_fit_are_refused(tmp_path, history):
         writer.append(rows(history, 0, 5), {})
         with pytest.raises(ValueError, match="room for 6 times, but gets 7"):
             writer.append(rows(history, 0, 2), {})
-    assert_holds(load(tmp_path / "run.h5"), rows(history, 0, 5))
+    assert_holds(read_result(tmp_path / "run.h5"), rows(history, 0, 5))
 
 
 def test_an_existing_file_is_refused(tmp_path, history):
@@ -201,13 +201,13 @@ def test_force_replaces_only_when_the_new_file_is_complete(tmp_path, history, mo
     with path.open("rb") as old:
         new(path, force=True).close()
         assert old.read() == b"precious"  # it lost its name at once, not its content bit by bit
-    assert load(path).t.shape == (0,)
+    assert read_result(path).t.shape == (0,)
 
 
 def test_other_files_are_refused_in_one_line(tmp_path):
     def complaint(path):
         with pytest.raises(StoreError) as caught:
-            load(path)
+            read_result(path)
         assert "\n" not in str(caught.value)
         return str(caught.value)
 
@@ -255,7 +255,7 @@ def test_xarray_sees_names_and_coordinates(tmp_path, history, finished):
 ENDLESS_RUN = """
 import sys
 import numpy as np
-from jaxves.store import HISTORY, Description, Writer
+from jaxves.results.run_store import HISTORY, Description, Writer
 
 assert "jax" not in sys.modules
 saves, M, N = 20_000, 2, 64
@@ -306,14 +306,14 @@ def test_a_run_can_be_read_while_it_is_going_on(tmp_path, endless_run):
     """By this package, and by programs that lock what they read; neither disturbs the run."""
     path = tmp_path / "run.h5"
     saved = [int(endless_run.stdout.readline()) for _ in range(3)][-1]
-    record = load(path)
+    record = read_result(path)
     assert len(record.t) >= saved
     np.testing.assert_array_equal(record.x[:, 1, 2, 0], np.arange(len(record.t)))
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         np.testing.assert_array_equal(tree["x"][:saved, 1, 2, 0], np.arange(saved))
         assert tree["x"].sel(t=saved - 1.0).shape == (2, 64, 2)
         later = int(endless_run.stdout.readline())
-    assert later > saved and len(load(path).t) >= later
+    assert later > saved and len(read_result(path).t) >= later
 
 
 def test_a_file_that_another_program_has_open_can_be_continued(tmp_path, history):
@@ -325,13 +325,13 @@ def test_a_file_that_another_program_has_open_can_be_continued(tmp_path, history
             writer.append(rows(history, 4, 6), STATES[5])
             writer.finish("complete", "", 1.0)
         np.testing.assert_array_equal(data.x[:4], history["x"][:4])
-    assert_holds(load(path), history)
+    assert_holds(read_result(path), history)
 
 
 FULL_DISK = """
 import resource, signal, sys
 import numpy as np
-from jaxves.store import HISTORY, StoreError, Writer, load
+from jaxves.results.run_store import HISTORY, StoreError, Writer, read_result
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 path = sys.argv[1]
@@ -349,8 +349,8 @@ with Writer(path, times=np.arange(2), **options) as writer:
             attempt()
         except StoreError as error:
             print(error)
-assert load(path).status == "running"
-np.testing.assert_array_equal(load(path).x, old["x"])
+assert read_result(path).status == "running"
+np.testing.assert_array_equal(read_result(path).x, old["x"])
 """
 
 

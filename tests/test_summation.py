@@ -10,15 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import interactions, krylov, shapes, summation
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.interactions import Pairwise
-from jaxves.marching import Adaptive, Fixed, simulate
-from jaxves.motion import Unknowns
-from jaxves.neighbours import NearPairs
-from jaxves.scene import dc_field, make_scene
-from jaxves.summation import MatrixFree, coupling_for
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import shapes
+from jaxves.geometry.curve import Curve
+from jaxves.numerics import krylov
+from jaxves.operators import interactions, sums
+from jaxves.operators.interactions import Pairwise
+from jaxves.operators.near_pairs import NearPairs
+from jaxves.operators.sums import MatrixFree, coupling_for
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.stepping.marching import Adaptive, Fixed, simulate
 
 DIRECT, ITERATIVE = Pairwise(direct=True), Pairwise(direct=False)
 SOLVED = 1e-9  # GMRES to 1e-11, times the condition of what is compared
@@ -100,8 +102,8 @@ def test_sums_for_several_targets_at_once_as_on_a_gpu_are_the_same(monkeypatch, 
         return jax.jit(lambda: equation_for(scene, coupling=MatrixFree(1)).rate(jnp.zeros(()), y).x)()
 
     alone = velocity()
-    monkeypatch.setattr(summation, "_ON_ACCELERATOR", at_once)
-    monkeypatch.setattr(summation.jax, "default_backend", lambda: "gpu")
+    monkeypatch.setattr(sums, "_ON_ACCELERATOR", at_once)
+    monkeypatch.setattr(sums.jax, "default_backend", lambda: "gpu")
     np.testing.assert_allclose(velocity(), alone, atol=SOLVED * jnp.max(jnp.abs(alone)))
 
 

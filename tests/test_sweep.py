@@ -18,13 +18,14 @@ import xarray
 from conftest import stored
 
 import jaxves
-from jaxves import batches, sweepstore
-from jaxves.cli import answer
-from jaxves.hdf5 import StoreError
-from jaxves.marching import Adaptive
-from jaxves.parameters import scene_of
-from jaxves.sweepfile import parse
-from jaxves.tables import SceneError
+from jaxves.cli.commands import answer
+from jaxves.inputs.checking import SceneError
+from jaxves.inputs.sweep_files import parse
+from jaxves.results import sweep_store
+from jaxves.results.hdf5 import StoreError
+from jaxves.runs.build import scene_of
+from jaxves.stepping.marching import Adaptive
+from jaxves.sweeps import batches
 
 BETA, CONDUCTANCE, AREA = "field.beta", "field.membrane_conductance", "vesicle.reduced_area"
 SHEAR = "flow.capillary_number"
@@ -68,7 +69,7 @@ def whole(tmp_path_factory):
 
 
 def test_a_case_is_what_the_same_scene_gives_alone(whole):
-    record = sweepstore.load(whole)
+    record = sweep_store.read_sweep(whole)
     assert record.counts() == {"complete": 6}
     scene_file = parse(GRID).scene
 
@@ -87,8 +88,8 @@ def test_a_case_is_what_the_same_scene_gives_alone(whole):
     np.testing.assert_allclose(record.data["deformation_min"][at], deformation.min(0), **close)
     np.testing.assert_allclose(record.data["deformation_max"][at], deformation.max(0), **close)
     np.testing.assert_allclose(record.data["deformation_average"][at], result.averages["deformation"], **close)
-    np.testing.assert_allclose(sweepstore.history(whole, "deformation", at), deformation, **close)
-    np.testing.assert_allclose(sweepstore.history(whole, "x", at), result.x, **close)
+    np.testing.assert_allclose(sweep_store.history(whole, "deformation", at), deformation, **close)
+    np.testing.assert_allclose(sweep_store.history(whole, "x", at), result.x, **close)
 
 
 def test_the_file_opens_in_xarray_as_a_labelled_grid(whole):
@@ -111,7 +112,7 @@ def test_a_case_does_not_depend_on_its_batch(whole, tmp_path):
 
 def test_cases_side_by_side_agree_with_cases_one_by_one(whole, tmp_path):
     record = jaxves.sweep(GRID, tmp_path / "out.h5", devices=1, batch=6, method="vmap")
-    reference = sweepstore.load(whole)
+    reference = sweep_store.read_sweep(whole)
     np.testing.assert_array_equal(record.status, reference.status)
     np.testing.assert_array_equal(record.data["steps"], reference.data["steps"])
     for name in ("deformation_final", "effective_viscosity_average", "tension_max_max"):
@@ -168,7 +169,7 @@ def test_poisoned_cases_are_flagged_and_no_other(tmp_path):
 
 
 def test_cases_that_need_more_steps_get_them_in_a_second_pass_and_no_more_than_that(whole, tmp_path):
-    reference = sweepstore.load(whole)
+    reference = sweep_store.read_sweep(whole)
     needed = reference.data["steps"] + reference.data["rejected"]
     few, more = np.unique(needed)
     record = jaxves.sweep(GRID | {"max_steps": [int(few), int(more)]}, tmp_path / "out.h5", devices=1, batch=2)
@@ -221,7 +222,7 @@ def test_an_interrupted_sweep_goes_on_where_it_was_with_the_same_bits(whole, tmp
     path = tmp_path / "out.h5"
     with pytest.raises(KeyboardInterrupt):
         jaxves.sweep(GRID, path, devices=1, batch=2, progress=Counting(stop_at=4))
-    record = sweepstore.load(path)
+    record = sweep_store.read_sweep(path)
     assert record.attributes["status"] == "interrupted"
     assert record.counts() == {"complete": 4, "pending": 2}
     rest = Counting()
@@ -268,7 +269,7 @@ def test_what_does_not_fit_is_refused_with_what_would(whole, tmp_path, monkeypat
     monkeypatch.setattr(batches, "_free", lambda devices: int(0.26 * need))
     refused(r"numerics.nodes = 32, expected about 16 or fewer")
     monkeypatch.undo()
-    monkeypatch.setattr(sweepstore, "free_bytes", lambda path: 10_000)
+    monkeypatch.setattr(sweep_store, "free_bytes", lambda path: 10_000)
     refused(r"6 cases of .* MiB need .* on the disk, .* \d cases would fit")
     assert list(tmp_path.iterdir()) == []
 
@@ -308,14 +309,14 @@ def test_a_sweep_killed_at_any_moment_goes_on_and_ends_with_the_bits_of_a_whole_
         end = time.monotonic() + 600
         while process.poll() is None and time.monotonic() < end:
             with contextlib.suppress(StoreError):
-                if np.sum(sweepstore.progress(killed).status != "pending") > acknowledged:
+                if np.sum(sweep_store.progress(killed).status != "pending") > acknowledged:
                     break
             time.sleep(0.005)
         time.sleep(rng.uniform(0, 0.3))
         kills += process.poll() is None
         process.kill()
         process.communicate()
-        known = int(np.sum(sweepstore.progress(killed).status != "pending"))
+        known = int(np.sum(sweep_store.progress(killed).status != "pending"))
         assert known >= acknowledged
         acknowledged = known
     assert kills >= 1
@@ -347,10 +348,10 @@ def test_an_interrupt_ends_with_130_and_leaves_what_was_there(start):
     end = time.monotonic() + 600
     while time.monotonic() < end:
         with contextlib.suppress(StoreError):
-            if np.any(sweepstore.progress(start.folder / "stopped.h5").status == "complete"):
+            if np.any(sweep_store.progress(start.folder / "stopped.h5").status == "complete"):
                 break
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     code, _, err = finished(process)
-    record = sweepstore.load(start.folder / "stopped.h5")
+    record = sweep_store.read_sweep(start.folder / "stopped.h5")
     assert (code, record.attributes["status"]) in ((130, "interrupted"), (0, "complete")) and "Traceback" not in err

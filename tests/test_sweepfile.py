@@ -6,8 +6,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from jaxves.sweepfile import load, parse, plan, to_toml
-from jaxves.tables import SceneError
+from jaxves.inputs.checking import SceneError
+from jaxves.inputs.sweep_files import parse, plan, read_sweep_file, to_toml
 
 BETA = "field.beta"
 CONDUCTANCE = "field.membrane_conductance"
@@ -57,7 +57,7 @@ def test_a_sweep_written_out_is_the_same_sweep():
 def test_a_scene_is_found_beside_the_sweep_file(tmp_path):
     (tmp_path / "mine.toml").write_text("t_end = 0.5\n[[vesicle]]\nreduced_area = 0.8\n")
     (tmp_path / "sweep.toml").write_text('scene = "mine.toml"\n[axes]\n"vesicle.reduced_area" = [0.7, 0.8]\n')
-    assert load(tmp_path / "sweep.toml").scene.t_end == 0.5
+    assert read_sweep_file(tmp_path / "sweep.toml").scene.t_end == 0.5
 
 
 GRID = {"scene": "pop", "axes": {BETA: [1.0, 2.0]}}

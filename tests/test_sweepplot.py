@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.collections import PathCollection, QuadMesh
 
-from jaxves.sweepplot import axis_label, curves, phase_diagram, quantity_map
-from jaxves.sweepstore import SweepRecord
-from jaxves.sweepsummary import summary
+from jaxves.cli.sweep_summary import summary
+from jaxves.plots.sweep_plots import axis_label, curves, phase_diagram, quantity_map
+from jaxves.results.sweep_store import SweepRecord
 
 BETA, CONDUCTANCE, AREA = "field.beta", "field.membrane_conductance", "vesicle.reduced_area"
 

@@ -6,17 +6,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves import curve, fourier, runner, shapes, store
-from jaxves.build import build
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.flow import Shear
-from jaxves.marching import Adaptive, Fixed, simulate
-from jaxves.parameters import scene_of
-from jaxves.scene import Scene, dc_field, make_scene
-from jaxves.scenefile import parse
-from jaxves.summary import summary
-from jaxves.symmetry import Symmetry
+from jaxves.cli.run_summary import summary
+from jaxves.equation.equation import equation_for
+from jaxves.equation.symmetry import Symmetry
+from jaxves.geometry import curve, shapes
+from jaxves.geometry.curve import Curve
+from jaxves.inputs.scene_files import parse
+from jaxves.numerics import fourier
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import Scene, dc_field, make_scene
+from jaxves.results import run_store
+from jaxves.runs import runner
+from jaxves.runs.build import build, scene_of
+from jaxves.stepping.marching import Adaptive, Fixed, simulate
 
 N = 32
 FIELD = dc_field(3.2, conductivity_ratio=0.1)
@@ -189,10 +191,10 @@ def test_a_result_tells_which_symmetries_were_kept(tmp_path):
         tables = {"t_end": 1e-3, "saves": 1, "vesicle": [vesicle], "numerics": {"nodes": 32, "certify": False}}
         tables |= {} if flow is None else {"flow": {"kind": flow, "capillary_number": 1.0}}
         runner.run(parse(tables), path, force=True)
-        record = store.load(path)
+        record = run_store.read_result(path)
         assert record.attributes["symmetry"] == told
         assert any(f"kept symmetric {told}, as it started" in str(line) for line in summary(record, path))
     tables["vesicle"] = [vesicle | {"disturbance": 1e-6}]
     runner.run(parse(tables), path, force=True)
-    record = store.load(path)
+    record = run_store.read_result(path)
     assert record.attributes["symmetry"] == "" and not any("symmetric" in str(line) for line in summary(record, path))

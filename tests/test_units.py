@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves.marching import simulate
-from jaxves.regime import limits, regime
-from jaxves.scene import dc_field, make_scene
-from jaxves.shapes import ellipse
-from jaxves.units import Numbers, Physical
+from jaxves.geometry.shapes import ellipse
+from jaxves.physics.regime import limits, regime
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.physics.units import LabQuantities, Numbers
+from jaxves.stepping.marching import simulate
 
 # A giant vesicle in a weak electrolyte: orders of magnitude of the experiments.
 LABORATORY = dict(
@@ -29,7 +29,7 @@ REFERENCE = {key: LABORATORY[key] for key in ("a", "kappa_B", "mu", "sigma_e", "
 
 
 def test_the_numbers_are_the_papers():
-    numbers = Physical(**LABORATORY).numbers()
+    numbers = LabQuantities(**LABORATORY).numbers()
     np.testing.assert_allclose(numbers.conductivity_ratio, 0.4, rtol=1e-14)
     np.testing.assert_allclose(numbers.membrane_conductance, 10e-6 * 3.0 / 1.5e-3, rtol=1e-14)
     np.testing.assert_allclose(numbers.beta, 7.08e-10 * 1e10 * 10e-6 * 0.01 / (1e-3 * 1.5e-3), rtol=1e-14)
@@ -53,13 +53,13 @@ def test_the_numbers_do_not_depend_on_the_units_of_measurement(power):
         shear_rate=(0, 0, -1, 0),
     )
     rescaled = {key: value * 7.0 ** dimensions[key][power] for key, value in LABORATORY.items()}
-    expected, found = Physical(**LABORATORY).numbers(), Physical(**rescaled).numbers()
+    expected, found = LabQuantities(**LABORATORY).numbers(), LabQuantities(**rescaled).numbers()
     for a, b in zip(jax.tree.leaves(expected), jax.tree.leaves(found), strict=True):
         np.testing.assert_allclose(b, a, rtol=1e-13)
 
 
 def test_there_and_back_is_the_same():
-    physical = Physical(**LABORATORY)
+    physical = LabQuantities(**LABORATORY)
     back = physical.numbers().physical(**REFERENCE)
     for key, value in LABORATORY.items():
         np.testing.assert_allclose(getattr(back, key), value, rtol=1e-13, err_msg=key)
@@ -71,7 +71,7 @@ def test_there_and_back_is_the_same():
 
 
 def test_the_scales_agree_with_the_numbers():
-    physical = Physical(**LABORATORY)
+    physical = LabQuantities(**LABORATORY)
     numbers, scales = physical.numbers(), physical.scales()
     np.testing.assert_allclose(scales.time, 1e-3 * 1e-15 / 1e-19, rtol=1e-14)
     np.testing.assert_allclose(scales.V_m, 1.0, rtol=1e-14)
@@ -86,12 +86,12 @@ def test_the_scales_agree_with_the_numbers():
 
 def test_conversions_can_be_traced_batched_and_differentiated():
     def beta(E):
-        return Physical(**(LABORATORY | {"E": E})).numbers().beta
+        return LabQuantities(**(LABORATORY | {"E": E})).numbers().beta
 
     E = 1e5
     np.testing.assert_allclose(jax.jit(jax.grad(beta))(E), 2 * beta(E) / E, rtol=1e-13)
     np.testing.assert_allclose(jax.vmap(beta)(jnp.array([E, 2 * E])), beta(E) * np.array([1, 4]), rtol=1e-13)
-    numbers = eqx.filter_jit(lambda physical: physical.numbers())(Physical(**LABORATORY))
+    numbers = eqx.filter_jit(lambda physical: physical.numbers())(LabQuantities(**LABORATORY))
     np.testing.assert_allclose(numbers.beta, beta(E), rtol=1e-14)
 
 
@@ -112,7 +112,7 @@ EXPERIMENTS = {
 
 
 def laboratory(a, E, sigma_i, sigma_e):
-    return Physical(
+    return LabQuantities(
         a=a * 1e-6, E=E * 1e5, sigma_i=sigma_i * 1e-3, sigma_e=sigma_e * 1e-3, epsilon=7.1e-10, C_m=1e-2,
         kappa_B=1e-19, mu=1e-3,
     )  # fmt: skip
@@ -187,6 +187,6 @@ def test_a_small_vesicle_has_numbers_of_the_paper_and_slow_charge():
 
 
 def test_without_a_field_the_regime_is_that_of_the_flow():
-    found = regime(Physical(**(LABORATORY | {"E": 0.0, "shear_rate": -2e4})), 0.9)
+    found = regime(LabQuantities(**(LABORATORY | {"E": 0.0, "shear_rate": -2e4})), 0.9)
     np.testing.assert_allclose(found.reynolds, 1000 * 2e4 * 1e-10 / 1e-3, rtol=1e-14)
     assert found.nodes is None and [sentence.split(":")[0] for sentence in limits(found)] == ["Inertia"]

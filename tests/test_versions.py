@@ -12,7 +12,7 @@ import jax
 import pytest
 
 import jaxves
-from jaxves import team
+from jaxves.sweeps import processes
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -85,8 +85,8 @@ def test_the_oldest_jax_and_newer_ones_are_taken(tmp_path, version):
 
 def test_a_barrier_that_has_moved_in_jax_is_named_by_processes_that_need_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "jax._src.distributed", None)
-    team.wait("alone")
+    processes.wait("alone")
     monkeypatch.setattr(jax, "process_count", lambda: 2)
     with pytest.raises(RuntimeError, match=r"jax._src.distributed.*use one process") as refusal:
-        team.wait("together")
+        processes.wait("together")
     assert jax.__version__ in str(refusal.value) and "\n" not in str(refusal.value)

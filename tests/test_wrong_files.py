@@ -5,8 +5,8 @@ import re
 import pytest
 import wrong_files
 
-from jaxves import scenefile, sweepfile
-from jaxves.tables import SceneError
+from jaxves.inputs import scene_files, sweep_files
+from jaxves.inputs.checking import SceneError
 
 SCENES = {name: said for table in (wrong_files.OF_VESICLE, wrong_files.OF_SCENE) for name, (_, said) in table.items()}
 
@@ -27,14 +27,14 @@ def test_there_are_a_hundred():
 def test_a_wrong_scene_is_refused_in_one_line(name, tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(wrong_files.scene_text(name), encoding="utf-8")
-    message = complaint(scenefile.load, path)
+    message = complaint(scene_files.read_scene, path)
     assert re.search(SCENES[name], message), message
 
 
 @pytest.mark.parametrize("name", wrong_files.OF_SWEEP)
 def test_a_wrong_sweep_is_refused_in_one_line(name, tmp_path):
     def planned(path):
-        sweepfile.plan(sweepfile.load(path), origin=str(path))
+        sweep_files.plan(sweep_files.read_sweep_file(path), origin=str(path))
 
     text, said = wrong_files.OF_SWEEP[name]
     path = tmp_path / "sweep.toml"
@@ -51,5 +51,5 @@ def test_a_wrong_outline_is_refused_in_one_line(name, tmp_path):
     (tmp_path / "outline.csv").write_text(text, encoding="utf-8")
     path = tmp_path / "scene.toml"
     path.write_text(wrong_files.SCENE_OF_OUTLINE, encoding="utf-8")
-    message = complaint(scenefile.load, path)
+    message = complaint(scene_files.read_scene, path)
     assert "vesicle[0].file" in message and re.search(said, message), message

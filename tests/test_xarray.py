@@ -6,8 +6,8 @@ import xarray
 from test_store import AVERAGES, DATASETS, SIZES, STATES
 from test_sweepstore import PLAN, VARIABLES
 
-from jaxves import store
-from jaxves.sweepstore import SweepWriter, Variable, history
+from jaxves.results import run_store
+from jaxves.results.sweep_store import SweepWriter, Variable, history
 
 TIMES = np.linspace(0.0, 1.0, SIZES["t"])
 HISTORY = {
@@ -21,7 +21,7 @@ def block(first, last):
 
 
 def new(path):
-    return store.Writer(path, scene_text="", attributes={}, times=TIMES, vesicles=2, nodes=8, datasets=DATASETS)
+    return run_store.Writer(path, scene_text="", attributes={}, times=TIMES, vesicles=2, nodes=8, datasets=DATASETS)
 
 
 def just_begun(path):
@@ -35,7 +35,7 @@ def killed(path):
 
 def killed_twice(path):
     killed(path)
-    with store.resume(path, "", TIMES) as writer:
+    with run_store.resume(path, "", TIMES) as writer:
         writer.append(block(4, 5), STATES[4])
 
 
@@ -48,7 +48,7 @@ def interrupted(path):
 
 def resumed(path):
     interrupted(path)
-    with store.resume(path, "", TIMES) as writer:
+    with run_store.resume(path, "", TIMES) as writer:
         writer.append(block(4, 6), STATES[5])
         writer.finish("complete", "", 1.0, AVERAGES)
 
@@ -118,5 +118,5 @@ def test_a_sweep_opens_as_a_tree_with_its_axes(tmp_path, finished):
         np.testing.assert_allclose(area.t, scene.t_end * np.arange(3) / scene.saves)
     with xarray.open_dataset(tmp_path / "sweep.h5", group="history", engine="h5netcdf") as data:
         np.testing.assert_array_equal(data.area.sel(axes)[:, 0], np.arange(3.0))
-    with pytest.raises(store.StoreError, match="keeps no history of t"):
+    with pytest.raises(run_store.StoreError, match="keeps no history of t"):
         history(tmp_path / "sweep.h5", "t", (1, 1))

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxves
-from jaxves import critical_field, fit, gradcheck, sensitivity
-from jaxves.scenefile import parse
-from jaxves.stepping import Adaptive, Fixed
+from jaxves.analysis import critical_field, fit, gradcheck, sensitivity
+from jaxves.inputs.scene_files import parse
+from jaxves.stepping.control import Adaptive, Fixed
 
 E = jaxves.ellipse(64, 0.9, angle=np.pi / 2)
 SCENE = jaxves.make_scene(E, field=jaxves.dc_field(3.2, conductivity_ratio=0.1))
@@ -129,18 +129,30 @@ WRONG = {
     "a pulse that ends before it begins": (lambda: jaxves.Pulse(0.0, -1.0, 1e-3), "Pulse.duration = -1"),
     "a pulse without flanks": (lambda: jaxves.Pulse(0.0, 1.0, 0.0), "Pulse.rise = 0"),
     "a sine that does not turn": (lambda: jaxves.Sine(0.0), "Sine.frequency = 0"),
-    "a table that goes back": (lambda: jaxves.Table([0.0, 2.0, 1.0], [1.0, 1.0, 1.0]), "Table.times"),
-    "a table of one instant": (lambda: jaxves.Table([0.0], [1.0]), "Table.times"),
-    "a table with a value too few": (lambda: jaxves.Table([0.0, 1.0], [1.0]), "Table.values"),
-    "a table with a value that is NaN": (lambda: jaxves.Table([0.0, 1.0], [1.0, NAN]), r"Table.values\[1\] = nan"),
+    "a table that goes back": (
+        lambda: jaxves.PiecewiseLinear([0.0, 2.0, 1.0], [1.0, 1.0, 1.0]),
+        "PiecewiseLinear.times",
+    ),
+    "a table of one instant": (lambda: jaxves.PiecewiseLinear([0.0], [1.0]), "PiecewiseLinear.times"),
+    "a table with a value too few": (lambda: jaxves.PiecewiseLinear([0.0, 1.0], [1.0]), "PiecewiseLinear.values"),
+    "a table with a value that is NaN": (
+        lambda: jaxves.PiecewiseLinear([0.0, 1.0], [1.0, NAN]),
+        r"PiecewiseLinear.values\[1\] = nan",
+    ),
     # flows
     "a shear of no strength": (lambda: jaxves.Shear(0.0), "Shear.capillary_number = 0"),
     "a shear that is NaN": (lambda: jaxves.Shear(NAN), "Shear.capillary_number = nan"),
     "a shear of two strengths": (lambda: jaxves.Shear([1.0, 2.0]), "Shear.capillary_number"),
     "an extension of no strength": (lambda: jaxves.Extension(0), "Extension.capillary_number = 0"),
-    "a flow with a source": (lambda: jaxves.Linear([[1.0, 0.0], [0.0, 1.0]]), "Linear.velocity_gradient.*trace-free"),
-    "a gradient of one number": (lambda: jaxves.Linear(1.0), "Linear.velocity_gradient"),
-    "a gradient that is NaN": (lambda: jaxves.Linear([[0.0, NAN], [0.0, 0.0]]), r"Linear.velocity_gradient\[0, 1\]"),
+    "a flow with a source": (
+        lambda: jaxves.LinearFlow([[1.0, 0.0], [0.0, 1.0]]),
+        "LinearFlow.velocity_gradient.*trace-free",
+    ),
+    "a gradient of one number": (lambda: jaxves.LinearFlow(1.0), "LinearFlow.velocity_gradient"),
+    "a gradient that is NaN": (
+        lambda: jaxves.LinearFlow([[0.0, NAN], [0.0, 0.0]]),
+        r"LinearFlow.velocity_gradient\[0, 1\]",
+    ),
     # runs
     "an end before the start": (lambda: jaxves.simulate(SCENE, -1.0), "t_end = -1"),
     "an end at the start": (lambda: jaxves.simulate(SCENE, 0.0), "t_end = 0"),
@@ -166,24 +178,24 @@ WRONG = {
     "a scheme in words": (lambda: Fixed(3, "euler"), "Fixed.stepper = euler"),
     "no recorded steps": (lambda: Adaptive(1e-4, recorded=0), "Adaptive.recorded = 0"),
     # scene files, sweeps, sensitivities, fits, critical fields
-    "a scene file that is a name": (lambda: sensitivity.at_end("pop", ("deformation",)), "scene_file"),
+    "a scene file that is a name": (lambda: sensitivity.AtEnd("pop", ("deformation",)), "scene_file"),
     "a scene file changed by hand": (
-        lambda: sensitivity.at_end(case().model_copy(update={"t_end": -1.0}), ("deformation",)), "t_end = -1.0",
+        lambda: sensitivity.AtEnd(case().model_copy(update={"t_end": -1.0}), ("deformation",)), "t_end = -1.0",
     ),
-    "one word of quantities": (lambda: sensitivity.at_end(case(), "deformation"), "quantities = 'deformation'"),
-    "no quantities": (lambda: sensitivity.at_end(case(), ()), r"quantities = \(\)"),
-    "an unknown quantity": (lambda: sensitivity.at_end(case(), ("size",), 0.01, march=Fixed(1))({}), "'size'"),
-    "a sensitivity before the start": (lambda: sensitivity.at_end(case(), ("deformation",), -0.1), "t_end = -0.1"),
-    "averages without a window": (lambda: sensitivity.at_end(case(), ("stress",), averaged=True), "averaged"),
+    "one word of quantities": (lambda: sensitivity.AtEnd(case(), "deformation"), "quantities = 'deformation'"),
+    "no quantities": (lambda: sensitivity.AtEnd(case(), ()), r"quantities = \(\)"),
+    "an unknown quantity": (lambda: sensitivity.AtEnd(case(), ("size",), 0.01, march=Fixed(1))({}), "'size'"),
+    "a sensitivity before the start": (lambda: sensitivity.AtEnd(case(), ("deformation",), -0.1), "t_end = -0.1"),
+    "averages without a window": (lambda: sensitivity.AtEnd(case(), ("stress",), averaged=True), "averaged"),
     "a number that the scene has not": (
-        lambda: sensitivity.at_end(case(), ("deformation",))({"field.betta": 1.0}), "field.betta",
+        lambda: sensitivity.AtEnd(case(), ("deformation",))({"field.betta": 1.0}), "field.betta",
     ),
     "adaptive nodes in a sensitivity": (
-        lambda: sensitivity.at_end(case(numerics={"nodes": "auto"}), ("deformation",)), 'numerics.nodes = "auto"',
+        lambda: sensitivity.AtEnd(case(numerics={"nodes": "auto"}), ("deformation",)), 'numerics.nodes = "auto"',
     ),
-    "an early end in a sensitivity": (lambda: sensitivity.at_end(case(stop={"steady": 1e-3}), ("area",)), "stop"),
+    "an early end in a sensitivity": (lambda: sensitivity.AtEnd(case(stop={"steady": 1e-3}), ("area",)), "stop"),
     "a gradient check with adaptive nodes": (
-        lambda: list(gradcheck.check(case(numerics={"nodes": "auto"}), 0.1, 3)), 'numerics.nodes = "auto"',
+        lambda: list(gradcheck.check_gradients(case(numerics={"nodes": "auto"}), 0.1, 3)), 'numerics.nodes = "auto"',
     ),
     "no bounds": (lambda: fitted({}), "bounds"),
     "bounds of an unknown number": (lambda: fitted({"field.betta": (1.0, 2.0)}), "field.betta"),

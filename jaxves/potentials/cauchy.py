@@ -29,8 +29,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from .. import fourier
-from ..arrays import NodePoints, Points
+from ..numerics import fourier
+from ..numerics.arrays import NodePoints, Points
 
 
 def complex_of(x: Float[Array, "*batch 2"]) -> Complex[Array, "*batch"]:

@@ -11,9 +11,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .. import fourier
-from ..arrays import NodeMatrix
-from ..curve import Curve
+from ..geometry.curve import Curve
+from ..numerics import fourier
+from ..numerics.arrays import NodeMatrix
 
 
 class Chords(eqx.Module):

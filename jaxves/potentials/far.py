@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..arrays import Points, VesicleNodes, VesiclePoints
-from ..curve import Curve
+from ..geometry.curve import Curve
+from ..numerics.arrays import Points, VesicleNodes, VesiclePoints
 from . import kernels
 
 

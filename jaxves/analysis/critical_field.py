@@ -1,0 +1,207 @@
+r"""The critical field β₀, beyond which a vesicle does not stay prolate, and how it depends on all other numbers.
+
+A vesicle leaves class P (`phases`) when its least deformation along the field falls below -THRESHOLD:
+
+    g(β, p) = min_t D(t; β, p) + THRESHOLD = 0      at β = β₀(p)
+
+Just below β₀ a vesicle lingers near a square, from which it falls back or over: g drops from a finite value to
+another within a small part of β₀ (without membrane conductance steeply, because the field that holds the square
+fades while the membrane charges; with it the saddle may last, and g jumps). Brent's method needs nothing but the
+change of sign. What depends smoothly on everything is a diagnostic Q at a given instant. Near the saddle all small
+changes are soon along its one unstable direction, and those which cancel there keep the vesicle on the boundary:
+
+    dβ₀/dp = -(∂_p Q)/(∂_β Q)      at β₀, for whatever Q and late t
+
+At the instant of least D this with Q = D is exact, as long as g is smooth.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import brentq
+
+from ..base import status
+from ..inputs.parameters import numbers, with_numbers
+from ..inputs.scene_tables import SceneFile
+from ..inputs.uses import CRITICAL_FIELD
+from ..numerics.arrays import as_float
+from ..observables import classes
+from ..physics.scene import Scene
+from ..runs.case import Case
+from ..stepping.marching import AbstractMarch, simulate
+
+NUMBERS = ("vesicle.reduced_area", "field.conductivity_ratio", "field.membrane_conductance", "field.chi")
+QUANTITIES = ("deformation_along_field", "bending_energy", "tension_max")
+
+
+class NoCriticalField(Exception):
+    """The bracket holds no boundary of class P, or a run broke down; the message is one line."""
+
+
+class Critical(NamedTuple):
+    """β₀ and what the search saw."""
+
+    beta: float
+    uncertainty: float  # half the width of the last bracket
+    least: float  # min_t D there
+    instant: float  # when that is
+    runs: int
+
+
+class Discretisation(NamedTuple):
+    """By how much β₀ moves with half as many nodes again, and with a tenth of the tolerance."""
+
+    nodes: float
+    step: float
+
+
+class Slopes(NamedTuple):
+    """-(∂_p Q)/(∂_β Q) of each quantity Q at each instant, (T,): dβ₀/dp at late ones, whatever Q."""
+
+    t: Float[np.ndarray, "T"]
+    ratios: dict[str, dict[str, Float[np.ndarray, "T"]]]  # by p and Q
+    growth: Float[np.ndarray, "T"]  # |∂_β D|
+
+
+def _alone(scene_file: SceneFile) -> Case:
+    case = Case.of(scene_file, CRITICAL_FIELD)
+    if len(scene_file.vesicles()) != 1 or scene_file.field is None:
+        raise NoCriticalField("a critical field is sought of one vesicle in a field")
+    return case
+
+
+@eqx.filter_jit
+def _started(case: Case):
+    return case.at_rest(case.scene({}))
+
+
+@eqx.filter_jit
+def _history(scene: Scene, t_end, saves: int, march: AbstractMarch, solved_by):
+    solver, coupling = solved_by
+    result = simulate(scene, t_end, saves=saves, march=march, solver=solver, coupling=coupling)
+    return result.t, result.diagnostics["deformation_along_field"][:, 0], result.status
+
+
+def least(t: Float[np.ndarray, "T"], deformation: Float[np.ndarray, "T"]) -> tuple[float, float]:
+    """(instant, value) of the minimum of D: of the polynomial of degree 4 through the saves about the least one."""
+    i = int(np.clip(np.argmin(deformation), 2, len(t) - 3))
+    near = slice(i - 2, i + 3)
+    fit = np.polynomial.Polynomial.fit(t[near], deformation[near], 4)
+    places = fit.deriv().roots()
+    places = np.real(places[np.abs(np.imag(places)) < 1e-12])
+    places = np.append(places[(places > t[near][0]) & (places < t[near][-1])], t[i])
+    best = places[np.argmin(fit(places))]
+    return float(best), float(fit(best))
+
+
+def critical_field(
+    scene_file: SceneFile, bracket: tuple[float, float], *, tolerance: float = 1e-6, march: AbstractMarch | None = None
+) -> Critical:
+    """β₀ of the one vesicle of a scene, between two fields of which only the lower one keeps it prolate.
+
+    The scene's own β is not used; its `t_end` must leave time to fall over, its `saves` resolve D(t).
+    `tolerance`: relative, of the search alone; see
+    `discretisation_error`. `march` defaults to the scene's.
+
+    Raises:
+        NoCriticalField: both ends of the bracket are of the same kind, or a run broke down.
+    """
+    case = _alone(scene_file)
+    if np.shape(bracket) != (2,) or not 0 <= bracket[0] < bracket[1] < np.inf:
+        raise NoCriticalField(f"bracket = {bracket}, expected two fields (low, high) with 0 <= low < high")
+    march = case.march() if march is None else march
+    scene, code = _started(case)
+    if int(code) != status.RUNNING:
+        raise NoCriticalField(f"vesicle.relaxed = true: relaxing ended as {status.WORDS[int(code)]}")
+    solved_by = case.solved_by(scene)
+    seen: dict[float, tuple[float, float]] = {}
+
+    def g(beta: float) -> float:
+        at = eqx.tree_at(lambda s: s.field.beta, scene, jnp.asarray(beta))
+        t, deformation, code = _history(at, scene_file.t_end, scene_file.saves, march, solved_by)
+        if int(code) != status.COMPLETE:
+            raise NoCriticalField(f"field.beta = {beta}: the run ended as {status.WORDS[int(code)]}")
+        seen[beta] = least(np.asarray(t), np.asarray(deformation))
+        return seen[beta][1] + classes.THRESHOLD
+
+    low, high = bracket
+    if not g(low) > 0 > g(high):
+        raise NoCriticalField(
+            f"bracket = {bracket}, expected fields of which the first keeps the vesicle prolate and the second does "
+            f"not; least deformations are {seen[low][1]:.4f} and {seen[high][1]:.4f}"
+        )
+    beta = brentq(g, low, high, xtol=tolerance * high, rtol=1e-14)
+    g(beta)
+    below = max(b for b, (_, D) in seen.items() if D + classes.THRESHOLD > 0)
+    above = min(b for b, (_, D) in seen.items() if D + classes.THRESHOLD <= 0)
+    instant, value = seen[beta]
+    return Critical(beta, min(0.5 * (above - below), tolerance * high), value, instant, len(seen))
+
+
+def discretisation_error(scene_file: SceneFile, beta: float, *, width: float = 0.02) -> Discretisation:
+    """How much of β₀ = `beta`, found with the numerics of the scene, is owed to them: sought anew within `width`.
+
+    Raises:
+        NoCriticalField: it is not there any more, or a run broke down.
+    """
+    numerics = scene_file.numerics
+    if numerics.nodes == "auto" or numerics.tolerance is None:
+        raise NoCriticalField("numerics: expected a number of nodes and a tolerance, to make finer")
+    finer = {
+        "nodes": 2 * round(0.75 * numerics.nodes),
+        "tolerance": 0.1 * numerics.tolerance,
+    }
+    moved = []
+    for key, value in finer.items():
+        other = scene_file.model_copy(update={"numerics": numerics.model_copy(update={key: value})})
+        found = critical_field(other, ((1 - width) * beta, (1 + width) * beta))
+        moved.append(abs(found.beta - beta))
+    return Discretisation(*moved)
+
+
+@eqx.filter_jit
+def _pushed(case: Case, values, tangents, t_end, saves: int, march: AbstractMarch):
+    def quantities(values):
+        result = case.simulate(values, t_end=t_end, saves=saves, march=march)
+        return {name: result.diagnostics[name][1:, 0] for name in QUANTITIES}, result.t[1:]
+
+    _, slopes, t = jax.jvp(quantities, (values,), (tangents,), has_aux=True)
+    return t, slopes
+
+
+def slopes(
+    scene_file: SceneFile,
+    beta: float,
+    t_end: float,
+    *,
+    saves: int = 8,
+    names: Sequence[str] = NUMBERS,
+    march: AbstractMarch | None = None,
+) -> Slopes:
+    """How the critical field depends on other numbers of the scene, by forward derivatives of runs at β₀ = `beta`.
+
+    Late instants count, while the vesicle lingers or leaves: from that of least D on. Where the scene starts from the
+    shape at rest, its run towards that is differentiated as well.
+    """
+    case = _alone(scene_file)
+    march = case.march(t_end, saves) if march is None else march
+    found = numbers(scene_file) | {"field.beta": beta}
+    values = {name: as_float(value) for name, value in found.items()}
+    # The file is there for what it has besides numbers: one compiled program serves all its numbers.
+    case = Case(with_numbers(scene_file, dict.fromkeys(values, 0.5)))
+
+    def along(name):
+        tangents = {other: as_float(other == name) for other in values}
+        return _pushed(case, values, tangents, as_float(t_end), saves, march)
+
+    t, by_beta = along("field.beta")
+    ratios = {}
+    for name in names:
+        _, by_name = along(name)
+        ratios[name] = {key: -np.asarray(by_name[key]) / np.asarray(by_beta[key]) for key in QUANTITIES}
+    return Slopes(np.asarray(t), ratios, np.abs(np.asarray(by_beta[QUANTITIES[0]])))

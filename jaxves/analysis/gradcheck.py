@@ -1,0 +1,142 @@
+"""Are the derivatives of a scene right? Forward and reverse mode and differences, for every number of it.
+
+A disagreement of forward and reverse beyond 1e-8, or of forward and differences beyond 1e-6 and what the differences
+themselves are worth, is one. Relative to the derivative; where that vanishes, as by symmetry, to a thousandth of what
+one would expect of it, the diagnostic over the number.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from ..base import status
+from ..inputs import parameters
+from ..inputs.scene_tables import SceneFile
+from ..inputs.uses import GRADIENT_CHECK
+from ..numerics.arrays import as_float
+from ..runs.case import Case
+from ..stepping.control import turned
+from ..stepping.marching import Fixed
+from . import differences
+from .sensitivity import AtEnd, pulled, pushed, unit
+
+MODES_AGREE, DIFFERENCES_AGREE, WORTHLESS = 1e-8, 1e-6, 1e-4
+_SMOOTH = ("deformation", "inclination", "center", "bending_energy", "tank_treading_speed", "stress")
+_IN_FIELD, _OF_PAIRS = ("dipole", "dissipation"), ("min_gap",)
+_LOWEST = {"beta": 0.0, "conductivity_ratio": 0.0, "membrane_conductance": 0.0}
+_STEP = 1e-2  # of differences, relative
+_SIZE = {"angle": 10.0, "offset_angle": 10.0, "phase": 10.0}  # what a small number is measured by, else 0.3
+
+
+class Row(NamedTuple):
+    """One derivative: the component that depends most on the number is shown, the worst one judged."""
+
+    number: str
+    quantity: str
+    forward: float
+    reverse: float
+    differences: float
+    modes: float  # relative deviation of forward and reverse
+    deviation: float  # of forward and differences
+    doubt: float  # of differences
+    verdict: str  # "agree", "DISAGREE", "no verdict", or why there is none
+
+
+class BrokenDown(Exception):
+    """The run that is to be differentiated does not reach its end; the message is its status in a word."""
+
+
+def _completed(case: Case, t_end: float, march: Fixed) -> None:
+    @eqx.filter_jit
+    def end():
+        return case.simulate({}, t_end=t_end, saves=1, march=march).status
+
+    code = int(end())
+    if code != status.COMPLETE:
+        raise BrokenDown(status.WORDS[code])
+
+
+def quantities_of(scene_file: SceneFile) -> tuple[str, ...]:
+    """The diagnostics that are checked: smooth ones, without maxima over nodes."""
+    several = len(scene_file.vesicles()) > 1
+    return _SMOOTH + (_IN_FIELD if scene_file.field else ()) + (_OF_PAIRS if several else ())
+
+
+def _why_not(name: str, value: float) -> str | None:
+    if name.endswith("reduced_area") and value == 1.0:
+        return "infinite at a circle, like 1/√(1-Δ)"
+    return None if math.isfinite(value) else "at infinity"
+
+
+def check_gradients(
+    scene_file: SceneFile, t_end: float, steps: int, *, progress: Callable[[str], None] = lambda text: None
+) -> Iterator[Row]:
+    """The rows of all numbers of a scene, for its diagnostics after `steps` fixed steps to `t_end`.
+
+    The scheme is the scene's `method`; its tolerance or time step gives way to `steps`.
+
+    Raises:
+        SceneError: the scene has a key that no derivative can honour, such as `nodes = "auto"`.
+        BrokenDown: the run with the scene's own numbers is not complete.
+    """
+    case = Case.of(scene_file, GRADIENT_CHECK)
+    march = Fixed(steps, case.march().stepper)
+    _completed(case, t_end, march)
+    outcome = AtEnd(scene_file, quantities_of(scene_file), t_end, march=march)
+    values = {name: as_float(value) for name, value in parameters.numbers(scene_file).items()}
+    progress("forward mode")
+    outputs, _ = pushed(outcome, values, unit(values, 0))
+    flat, unflatten = ravel_pytree(outputs)
+    progress("reverse mode")
+    reverse = [pulled(outcome, values, unit(outputs, i))[1] for i in range(flat.size)]
+    for i, name in enumerate(sorted(values)):
+        value = float(values[name])
+        progress(name)
+        why = _why_not(name, value)
+        if why is not None:
+            yield Row(name, "all", *[math.nan] * 6, why)
+            continue
+        _, forward = pushed(outcome, values, unit(values, i))
+
+        def run(x, name=name):
+            found, _ = pushed(outcome, values | {name: as_float(x)}, unit(values, 0))
+            # An axis along y has the angle π/2 or -π/2: the one that is near counts.
+            found = found | {"inclination": turned(outputs["inclination"], found["inclination"])}
+            return np.asarray(ravel_pytree(found)[0])
+
+        key = name.rpartition(".")[2]
+        size = max(abs(value), _SIZE.get(key, 0.3))
+        if value == _LOWEST.get(key):
+            found = differences.one_sided(run, value, _STEP * size)
+        else:
+            found = differences.central(run, value, _STEP * size)
+        backward = unflatten(jnp.stack([row[name] for row in reverse]))
+        yield from _rows(name, size, outputs, forward, backward, *map(unflatten, map(jnp.asarray, found)))
+
+
+def _rows(name, size, outputs, forward, backward, found, error) -> Iterator[Row]:
+    for quantity in outputs:
+        parts = [np.ravel(part[quantity]) for part in (outputs, forward, backward, found, error)]
+        value, forward_, backward_, found_, error_ = parts
+        scale = max(np.max(np.abs(forward_)), 1e-3 * max(np.max(np.abs(value)), 1.0) / size)
+        modes = np.max(np.abs(forward_ - backward_)) / scale
+        deviation = np.max(np.abs(forward_ - found_)) / scale
+        doubt = np.max(error_) / scale
+        if not modes <= MODES_AGREE:
+            verdict = "DISAGREE"
+        elif not np.all(np.isfinite(found_)):
+            verdict = "no verdict: runs beside this one break down"
+        elif not deviation <= DIFFERENCES_AGREE + doubt:
+            verdict = "DISAGREE"
+        else:
+            verdict = "no verdict: differences are not smooth" if doubt > WORTHLESS else "agree"
+        most = int(np.argmax(np.abs(forward_)))
+        yield Row(
+            name, quantity, *(float(part[most]) for part in (forward_, backward_, found_)), modes, deviation, doubt,
+            verdict,
+        )  # fmt: skip

@@ -1,0 +1,84 @@
+"""What all commands say, and how they end.
+
+Exit status: 0 done, 2 bad input, 3 broke down, 130 interrupted by Ctrl-C or --max-time, 143 by SIGTERM.
+"""
+
+import io
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import typer
+from rich.console import Console
+
+from ..geometry.outlines import OutlineNoise
+from ..results.hdf5 import StoreError, refuse_special
+
+BAD_INPUT, BROKE_DOWN, INTERRUPTED, TERMINATED = 2, 3, 130, 143
+
+
+class _Console(Console):
+    """Goes on in silence once its reader is gone, as after `| head`: the exit status stays that of the work."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.file.fileno())
+        os.close(nowhere)
+
+
+out = _Console(highlight=False, soft_wrap=True)
+err = _Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def write_in_any_encoding() -> None:
+    """Makes standard output replace the characters that its encoding lacks, instead of failing at the first.
+
+    Standard error does so by itself.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
+
+
+def say(message: object) -> None:
+    """One line beside the output."""
+    err.print(f"jaxves: {' '.join(str(message).split())}", markup=False)
+
+
+def refused(message: object) -> typer.Exit:
+    """Says what is wrong with the input; to be raised."""
+    say(message)
+    return typer.Exit(BAD_INPUT)
+
+
+def refuse_existing(paths: list[Path], force: bool, remedy: str = "use --force to replace it") -> None:
+    """Before anything slow: files that are there already, or could not be written."""
+    for path in paths:
+        try:
+            refuse_special(path)
+        except StoreError as error:
+            raise refused(error) from None
+        if path.exists() and not force:
+            raise refused(f"{path} exists already: {remedy}.")
+        if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+            raise refused(f"{path.parent} is not a folder that can be written to.")
+
+
+@contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Shows warnings of this package as one line each."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", OutlineNoise)
+        others = warnings.showwarning
+
+        def show(message, category, *where, **more):
+            if issubclass(category, OutlineNoise):
+                say(f"warning: {message}")
+            else:
+                others(message, category, *where, **more)
+
+        warnings.showwarning = show
+        yield

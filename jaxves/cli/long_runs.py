@@ -1,0 +1,164 @@
+"""Runs and sweeps from the command line: their progress, exit status, compiled programs that are kept, all cores.
+
+Modules that import JAX are imported only in here, once the input has been checked.
+"""
+
+import os
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import platformdirs
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from ..base import status
+from ..inputs.scene_files import SceneError, SceneFile
+from ..results import sweep_store
+from ..results.ownership import LostFile
+from ..results.run_store import StoreError
+from ..results.sweep_store import SweepRecord
+from . import interrupts
+from .console import BROKE_DOWN, err, out, refused, say
+
+_ROOM = 2**20  # bytes that a program may take: with less it is not worth while
+
+
+def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> int:
+    """Runs a scene into the result file, for at most `limit` seconds; returns the exit status."""
+    columns = (
+        TextColumn("t = {task.completed:.3g} / {task.total:.3g}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with (
+        Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar,
+        _interrupted(limit) as found,
+    ):
+        task = bar.add_task("starting", total=scene_file.t_end)
+
+        def show(t: float, text: str) -> None:
+            found.check()
+            bar.update(task, completed=t, description=text)
+
+        keep_compiled()
+        from ..runs import runner
+
+        try:
+            word = runner.run(scene_file, file, progress=show, **how)
+        except (runner.Broken, LostFile) as error:
+            say(error)
+            raise typer.Exit(BROKE_DOWN) from None
+        except StoreError as error:
+            raise refused(error) from None
+        if word == status.WORDS[status.INTERRUPTED]:
+            return _told(found)
+    return 0 if word in status.SUCCESS else BROKE_DOWN
+
+
+def sweep(file: Path, results: Path, limit: float | None, **how) -> SweepRecord | None:
+    """Computes a sweep file into the file of results, for at most `limit` seconds.
+
+    Returns the record, on the first of several processes.
+    """
+    from ..sweeps import processes, sweeping
+
+    columns = (
+        TextColumn("{task.completed} of {task.total} {task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    bars = Progress(
+        *columns,
+        console=err,
+        transient=True,
+        disable=not (processes.is_first() and err.is_terminal),
+        speed_estimate_period=600,
+    )
+    with bars as bar, _interrupted(limit) as found:
+        task = bar.add_task("compiling", total=None, rate="")
+        there = []
+
+        def show(done: int, total: int, text: str) -> None:
+            found.check()
+            if text != "compiling":
+                there.append((time.monotonic(), done))
+            (began, first), (now, _) = (there[0], there[-1]) if there else ((0, 0), (0, 0))
+            rate = f"{(done - first) / (now - began):.3g}/s" if now > began else ""
+            bar.update(task, completed=done, total=total, description=text, rate=rate)
+
+        try:
+            record = sweeping.sweep(file, results, progress=show, **how)
+        except LostFile as error:
+            say(error)
+            raise typer.Exit(BROKE_DOWN) from None
+        except (SceneError, StoreError) as error:
+            raise refused(error) from None
+    if not processes.is_first():
+        return None
+    before = sweep_store.count_computed(record.status) - record.computed
+    out.print(f"{record.computed} cases computed now, {before} were there")
+    return record
+
+
+def use_all_cores(devices: int | None) -> None:
+    """One device for each core: JAX takes the whole machine for one. To be called before JAX starts."""
+    flag = "--xla_force_host_platform_device_count"
+    given = os.environ.get("XLA_FLAGS", "")
+    if flag not in given:
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        os.environ["XLA_FLAGS"] = f"{given} {flag}={devices or cores}".strip()
+
+
+@contextmanager
+def _interrupted(limit: float | None) -> Iterator[interrupts.Interrupts]:
+    """As `interrupts.heard`; work that cannot keep anything, or has said what it kept, ends with its exit status."""
+    with interrupts.heard(limit) as found:
+        try:
+            yield found
+        except KeyboardInterrupt:
+            raise typer.Exit(_told(found)) from None
+
+
+def _told(found: interrupts.Interrupts) -> int:
+    """Says if it was the limit of time that interrupted the work; returns the exit status."""
+    if found.time_is_up:
+        say("interrupted to be done before the limit of --max-time.")
+    return found.exit_status
+
+
+def keep_compiled() -> None:
+    """Compiled programs are kept between runs, apart for each jaxlib, whose formats differ.
+
+    The folder is that of JAX_COMPILATION_CACHE_DIR, or else jaxves in the user's cache folder. Where neither can be
+    written, nothing is kept, and nothing said: the work does not depend on it.
+    """
+    import jax
+    import jaxlib
+
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
+    if jax.config.jax_compilation_cache_dir is None:
+        folder = platformdirs.user_cache_path("jaxves", appauthor=False) / f"jaxlib-{jaxlib.__version__}"
+        if _can_be_written(folder):
+            jax.config.update("jax_compilation_cache_dir", str(folder))
+            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def _can_be_written(folder: Path) -> bool:
+    """Whether a folder is there or can be made, and has room; False as well where nobody knows the user's home."""
+    try:
+        if folder.is_absolute():
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder) as file:
+                file.write(bytes(_ROOM))
+            return True
+    except OSError:
+        pass
+    return False

@@ -1,0 +1,123 @@
+"""What `jaxves show` says of a result: how it ended, how its quantities went, and how far to trust it.
+
+Nothing here imports JAX.
+"""
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+
+from ..base import status
+from ..observables import classes, pair_classes
+from ..observables.certificate import certificate, weakest
+from ..results.ownership import writer_of
+from ..results.run_store import Record
+
+_SHOWN = (
+    "deformation",
+    "inclination_unwrapped",
+    "tank_treading_speed",
+    "max_V_m",
+    "tension_min",
+    "tension_max",
+    "bending_energy",
+    "separation",
+    "line_angle",
+    "min_gap",
+    "film_error",
+    "effective_viscosity",
+)
+
+
+def summary(record: Record, path: Path) -> Iterator[RenderableType]:
+    """Lines and tables, one after the other."""
+    advice = record.attributes["advice"] or status.ADVICE.get(record.status, "")
+    unfinished = record.status == status.WORDS[status.RUNNING]
+    who = writer_of(path) if unfinished else None
+    word = record.status if who or not unfinished else "cut off"
+    if len(record.t) == 0:
+        yield f"{path}: {word}, and no saved time. {'' if who else advice}".rstrip()
+        return
+    if who:
+        rows = f"{len(record.t)} of {record.attributes['saves']} saved times"
+        yield f"{path}: running, written by {who}, at t = {record.t[-1]:.6g} so far with {rows}"
+    else:
+        wall = record.attributes["wall_time"]
+        yield f"{path}: {word} at t = {record.t[-1]:.6g} after {wall:.1f} s. {advice}".rstrip()
+    M = record.x.shape[1]
+    nodes = " or ".join(str(N) for N in np.unique(record.nodes))
+    yield f"{M} vesicle{'s' * (M > 1)} of {nodes} nodes, {len(record.t)} saved times"
+    if origin := record.attributes.get("started_from"):
+        yield f"started from {origin}, not with the shapes of its scene"
+    if kept := record.attributes.get("symmetry"):
+        yield f"kept symmetric {kept}, as it started; a `disturbance` would show what of it is unstable"
+    if "deformation_along_field" in record.diagnostics:
+        codes = classes.classify(record.diagnostics["deformation_along_field"])
+        yield "class: " + ", ".join(classes.NAMES[code] for code in codes)
+    if "line_angle" in record.diagnostics and "dipole" in record.diagnostics:
+        yield f"pair: {pair_class(record)}"
+    yield _quantities(record)
+    links = certificate(record.diagnostics, record.attributes.get("error"))
+    weak = weakest(links)
+    yield f"About {max(links[weak].digits, 0):.1f} correct digits; the weakest link is {weak}: {links[weak].long_name}"
+    if "error" in record.attributes:
+        yield _error_of_run(record)
+    yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
+    for name, value in (record.averages or {}).items():
+        yield f"average {name}: {value.tolist()}"
+
+
+def pair_class(record: Record) -> str:
+    """How two vesicles in a field moved about each other."""
+    x, y = tomllib.loads(record.scene)["field"]["direction"]
+    found = record.diagnostics
+    history = (found[name] for name in ("line_angle", "separation", "min_gap"))
+    return pair_classes.classify(record.t, *history, float(np.arctan2(y, x)))
+
+
+def _error_of_run(record: Record) -> str:
+    """The error of nodes and steps together, and whether the scene amplifies the errors of its steps."""
+    error, tolerance = record.attributes["error"], tomllib.loads(record.scene)["numerics"].get("tolerance")
+    if np.isnan(error):
+        return "error of the whole run: not known, because its estimate was interrupted"
+    if np.isinf(error):
+        return "error of the whole run: not known, because runs with other nodes and steps broke down"
+    text = f"error of the whole run: about {error:.1e} in x (a) and V_m (a E_inf)"
+    if tolerance is None or error <= 10 * tolerance:
+        return text
+    return (
+        f"{text}, {error / tolerance:.2g} times the tolerance: more nodes or a lower tolerance would tell which it is"
+    )
+
+
+def _quantities(record: Record) -> Table:
+    table = Table("quantity", "first", "last", "least", "greatest", box=None, padding=(0, 2, 0, 0))
+    for name in _SHOWN:
+        values = record.diagnostics.get(name)
+        if values is None:
+            continue
+        columns = values.reshape(len(values), -1).T
+        for m, column in enumerate(columns):
+            label = name if len(columns) == 1 else f"{name}[{m}]"
+            cells = (column[0], column[-1], column.min(), column.max())
+            table.add_row(label, *(f"{cell:.6g}" for cell in cells))
+    return table
+
+
+def derivatives(rows: Sequence) -> Iterator[RenderableType]:
+    """The rows of `gradcheck.check_gradients` as a table, and what they come to."""
+    columns = ("number", "diagnostic", "forward", "reverse", "differences", "modes", "deviation", "± itself", "")
+    table = Table(*columns, box=None, padding=(0, 2, 0, 0))
+    for row in rows:
+        values = (row.forward, row.reverse, row.differences)
+        cells = [*(f"{value:.8g}" for value in values), *(f"{part:.0e}" for part in row[5:8])]
+        skipped = np.isnan(row.forward) and row.quantity == "all"
+        table.add_row(row.number, row.quantity, *(["–"] * 6 if skipped else cells), row.verdict)
+    yield table
+    wrong = sum(row.verdict == "DISAGREE" for row in rows)
+    agree = sum(row.verdict == "agree" for row in rows)
+    yield f"{agree} of {len(rows)} agree, {wrong} disagree; deviations are relative, worst component of a diagnostic"

@@ -1,0 +1,76 @@
+"""What `jaxves show` says of a sweep: how many cases ended how, which of them failed and why, and what was found.
+
+Nothing here imports JAX.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+
+from ..base import status
+from ..results.ownership import writer_of
+from ..results.sweep_store import DUE, SKIPPED, SweepRecord
+
+_SHOWN = (
+    "deformation_final",
+    "deformation_min",
+    "deformation_max",
+    "inclination_average",
+    "tank_treading_speed_average",
+    "effective_viscosity_average",
+    "inclination_final",
+    "tank_treading_speed_final",
+    "effective_viscosity_final",
+    "max_V_m_max",
+    "tension_min_min",
+    "tension_max_max",
+    "min_gap_min",
+    "steps",
+)
+_LISTED = 20
+
+
+def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
+    """Lines and tables, one after the other."""
+    grid = " × ".join(f"{n} {dim}" for dim, n in zip(record.dims, record.status.shape, strict=True))
+    wall = record.attributes["wall_time"]
+    what = f"{grid}, {record.attributes['nodes']} nodes"
+    if record.attributes["status"] != "running":
+        yield f"{path}: sweep {record.attributes['status']} after {wall:.1f} s; {what}"
+    elif who := writer_of(path):
+        yield f"{path}: sweep running so far, written by {who}; {what}"
+    else:
+        yield f"{path}: sweep cut off; {what}. Continue it with --resume."
+    yield "cases: " + ", ".join(f"{count} {word}" for word, count in record.counts().items())
+    if record.classes is not None:
+        words, counts = np.unique(record.classes[record.classes != ""], return_counts=True)
+        yield "classes: " + ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
+    yield from failures(record)
+    yield _quantities(record)
+
+
+def failures(record: SweepRecord) -> Iterator[str]:
+    """A line for each case that has no good result, with its numbers and the reason, up to a limit."""
+    failed = np.argwhere(~np.isin(record.status, [*status.SUCCESS, *DUE, SKIPPED]))
+    for index in map(tuple, failed[:_LISTED].tolist()):
+        numbers = ", ".join(f"{name} = {value:.6g}" for name, value in record.at(index).items())
+        yield f"{numbers}: {record.status[index]}. {record.reasons[index]}".rstrip()
+    if len(failed) > _LISTED:
+        yield f"and {len(failed) - _LISTED} more"
+
+
+def _quantities(record: SweepRecord) -> Table:
+    table = Table("quantity", "least", "greatest", box=None, padding=(0, 2, 0, 0))
+    good = np.isin(record.status, list(status.SUCCESS))
+    for name in _SHOWN:
+        values = record.data.get(name)
+        if values is None:
+            continue
+        found = values[good]
+        found = found[np.isfinite(found)]
+        if len(found):
+            table.add_row(name, f"{found.min():.6g}", f"{found.max():.6g}")
+    return table

@@ -1,0 +1,91 @@
+"""What `jaxves units` prints for one vesicle in SI: numbers, scales, the regime with its limits, tables of a scene."""
+
+from collections.abc import Iterator
+
+import equinox as eqx
+import tomli_w
+from rich.console import RenderableType
+from rich.table import Table
+
+from ..physics.regime import limits, regime
+from ..physics.units import LabQuantities
+
+_NUMBERS = {
+    "beta": "β, field strength: ε E² a C_m/(μ σ_e)",
+    "chi": "χ, charging time / t_κ: C_m κ_B/(σ_e μ a²)",
+    "conductivity_ratio": "Λ, conductivity inside / outside",
+    "membrane_conductance": "G, membrane conductance: a G_m/σ_e",
+    "capillary_number": "Ca, shear rate · t_κ",
+}
+_SCALES = {
+    "length": ("m", "a, lengths"),
+    "time": ("s", "t_κ, times"),
+    "velocity": ("m/s", "velocities"),
+    "tension": ("N/m", "tensions"),
+    "stress": ("Pa", "forces per area"),
+    "energy": ("J/m", "energies, per depth"),
+    "V_m": ("V", "transmembrane potentials"),
+    "charge": ("V/m", "jumps of the normal field"),
+    "maxwell_stress": ("Pa", "ε E²"),
+    "charging_time": ("s", "χ t_κ = a C_m/σ_e"),
+}
+_REGIME = {
+    "reynolds": ("", "Reynolds number; the model has no inertia"),
+    "voltage": ("V", "1.5 E a, across the charged membrane"),
+    "flow_time": ("s", "μ/(ε E²), for the field to deform it"),
+    "charged_after": ("s", "for the membrane to charge"),
+    "relaxation_time": ("s", "for charge to reach it; neglected"),
+    "wrinkles": ("", "waves into which the field compresses it"),
+    "growth": ("", "ln of their growth; below 1: invisible"),
+    "nodes": ("", "what resolves them, at least 64"),
+}
+
+
+def conversion(physical: LabQuantities, reduced_area: float) -> Iterator[RenderableType]:
+    """Dimensionless numbers, what to multiply results by, the regime with a line for each limit, [field] and [flow].
+
+    The reduced area, in (0, 1), enters the regime alone.
+    """
+    numbers, scales = _floats(physical.numbers()), _floats(physical.scales())
+    table = Table("number", "", "meaning", box=None, padding=(0, 2, 0, 0))
+    for name, meaning in _NUMBERS.items():
+        table.add_row(name, f"{numbers[name]:.6g}", meaning)
+    yield table
+    yield ""
+    table = Table("scale", "", "unit", "of", box=None, padding=(0, 2, 0, 0))
+    for name, (unit, meaning) in _SCALES.items():
+        table.add_row(name, f"{scales[name]:.6g}", unit, meaning)
+    yield table
+    yield ""
+    yield from _regime(physical, reduced_area)
+    yield ""
+    yield tomli_w.dumps(tables(numbers)).rstrip()
+
+
+def _regime(physical: LabQuantities, reduced_area: float) -> Iterator[RenderableType]:
+    found = regime(physical, reduced_area)
+    table = Table("regime", "", "unit", "meaning", box=None, padding=(0, 2, 0, 0))
+    if found.voltage is not None:
+        B = float(physical.scales().maxwell_stress / physical.scales().stress)
+        table.add_row("B", f"{B:.3g}", "", "β/χ, stress of the field / bending stress")
+    for name, (unit, meaning) in _REGIME.items():
+        value = getattr(found, name)
+        if value is not None:
+            table.add_row(name, str(value) if name == "nodes" else f"{value:.3g}", unit, meaning)
+    yield table
+    for sentence in limits(found):
+        yield f"! {sentence}"
+
+
+def _floats(tree: eqx.Module) -> dict[str, float]:
+    return {name: float(value) for name, value in vars(tree).items()}
+
+
+def tables(numbers: dict[str, float]) -> dict[str, dict]:
+    """The tables of a scene file that these numbers make; none for a field or a flow that is absent."""
+    found = {}
+    if numbers["beta"] != 0:
+        found["field"] = {name: numbers[name] for name in _NUMBERS if name != "capillary_number"}
+    if numbers["capillary_number"] != 0:
+        found["flow"] = {"kind": "shear", "capillary_number": numbers["capillary_number"]}
+    return found

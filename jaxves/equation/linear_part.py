@@ -1,0 +1,121 @@
+r"""The linear part A of F, at one instant: what steps take implicitly.
+
+    A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q        A_V = (Λ/(1+Λ) (½ + S'η)⁻¹ D' - G)/χ
+
+Geometry and tension are held; the metric is taken uniform, which the projection keeps it. `cut` modes are removed from
+x, `surface_cut` from tensions and potentials.
+
+One block per membrane leaves to the explicit part what a film does to the bending of its two sides, and that is stiff:
+with 64 nodes and a gap of 0.031 a the explicit part grows at up to 2190 per t_κ, which forbids steps of 4e-3 (2e-3
+holds), and with more nodes less; what one matrix of all membranes leaves grows at up to 34. While no pair is near, the
+blocks do, for less.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..geometry.curve import Curve
+from ..numerics import fourier, linear
+from ..numerics.arrays import PerVesicle, Scalar, VesicleNodes
+from ..operators.surfaces import Surfaces
+from ..potentials.self_stokes import StokesBlocks
+from .inextensible import Constraint
+
+
+def _elastic_matrix(curve: Curve, sigma: Float[Array, " N"], bending: Scalar, cut: int) -> Float[Array, "N N"]:
+    """-κ_B ∂_s⁴ + ∂_s σ ∂_s of a component of x."""
+    N = sigma.shape[0]
+    D = fourier.derivative_matrix(N)
+    D_low = D @ fourier.low_pass_matrix(N, cut)
+    speed = jnp.mean(curve.speed)
+    return (-bending / speed**4) * (D @ D @ D @ D_low) + (D * (sigma / speed**2)) @ D_low
+
+
+def frozen_shape(
+    curve: Curve,
+    stokes_slp: StokesBlocks,
+    sigma: Float[Array, " N"],
+    bending: Scalar,
+    constraint: Constraint,
+    *,
+    cut: int,
+    surface_cut: int,
+) -> Float[Array, "n n"]:
+    """A_x of one membrane by itself, 2N unknowns ordered by component, node."""
+    D = fourier.derivative_matrix(sigma.shape[0])
+    K = jnp.mean(curve.speed) * _elastic_matrix(curve, sigma, bending, cut)
+    xx, xy, yy = stokes_slp.xx @ K, stokes_slp.xy @ K, stokes_slp.yy @ K
+    d_xx, d_xy, d_yy = D @ xx, D @ xy, D @ yy
+    tx, ty = curve.tangent[:, :1], curve.tangent[:, 1:]
+    stretch = jnp.concatenate([tx * d_xx + ty * d_xy, tx * d_xy + ty * d_yy], axis=1)
+    response = constraint.tension.solve_columns(fourier.low_pass_rows(stretch, surface_cut))
+    velocity = jnp.concatenate([xx, xy], 1), jnp.concatenate([xy, yy], 1)
+    rows = [row + part @ response for row, part in zip(velocity, constraint.spread, strict=True)]
+    return jnp.concatenate([fourier.low_pass_rows(row, cut) for row in rows], axis=0)
+
+
+def frozen_potential(
+    curve: Curve,
+    laplace_slp: Float[Array, "N N"],
+    charge: linear.AbstractFactoredDense,
+    share: Scalar,
+    conductance: Scalar,
+    chi: Scalar,
+    *,
+    surface_cut: int,
+) -> Float[Array, "N N"]:
+    """A_V of one membrane by itself: `charge` solves for its charge, of which Λ/(1+Λ) is the inner `share`."""
+    D = fourier.derivative_matrix(curve.speed.shape[0])
+    low_pass = fourier.low_pass_matrix(curve.speed.shape[0], surface_cut)
+    # D · kernel · D over |x_α|, low-passed on the right by its constant factor
+    dlp_dn = (D @ (laplace_slp @ (D @ low_pass))) / curve.speed[:, None]
+    response = fourier.low_pass_rows(share * charge.solve_columns(dlp_dn), surface_cut)
+    return (response - conductance * low_pass) / chi
+
+
+def frozen_shapes(
+    surfaces: Surfaces,
+    tension: linear.AbstractFactored,
+    sigma: VesicleNodes,
+    bending: PerVesicle,
+    *,
+    cut: int,
+    surface_cut: int,
+) -> Float[Array, "n n"]:
+    """A_x of all nodes, ordered by membrane, component, node.
+
+    `tension` solves for the tensions of all membranes from |x_α| times their stretch.
+    """
+    M, N = sigma.shape
+    curves = surfaces.curves
+    D = fourier.derivative_matrix(N)
+    S = _single_layer(surfaces)
+    forces = jax.vmap(lambda *parts: _elastic_matrix(*parts, cut))(curves, sigma, bending)
+    velocity = jnp.einsum("iankbm,kml->iankbl", S, forces)
+    stretch = jnp.einsum("ina,np,iapkbl->inkbl", curves.tangent, D, velocity, optimize=[(1, 2), (0, 1)])
+    stretch = fourier.low_pass(stretch, surface_cut, axis=1)
+    response = tension.solve_columns(stretch.reshape(M * N, 2 * M * N))
+    # f_tension = ∂_s (σ t): what tensions move
+    pull = D[:, None, :] * jnp.swapaxes(curves.tangent, 1, 2)[:, None] / curves.speed[:, :, None, None]
+    moved = jnp.einsum("iankbm,kmbl->iankl", S, pull).reshape(2 * M * N, M * N) @ response
+    rows = velocity + moved.reshape(velocity.shape)
+    return fourier.low_pass(rows, cut, axis=2).reshape(2 * M * N, 2 * M * N)
+
+
+def _single_layer(surfaces: Surfaces) -> Float[Array, "M 2 N M 2 N"]:
+    """Velocities at all nodes from forces per arc length at all nodes."""
+
+    def whole(blocks):
+        rows = jnp.stack([blocks.xx, blocks.xy], axis=-2), jnp.stack([blocks.xy, blocks.yy], axis=-2)
+        return jnp.stack(rows, axis=-4)
+
+    across = surfaces.interactions
+    M, N = surfaces.curves.speed.shape
+    m = np.arange(M)
+    own = whole(surfaces.stokes_slp) * surfaces.curves.speed[:, None, None, None]
+    target, source = across.ordered()
+    # advanced indices apart from each other put the pair axis first
+    S = jnp.zeros((M, 2, N, M, 2, N)).at[m, :, :, m].set(own)
+    return S.at[target, :, :, source].set(whole(across.velocity))

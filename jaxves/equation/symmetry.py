@@ -1,0 +1,114 @@
+r"""The symmetries of a lone vesicle that its motion keeps.
+
+A uniform field and a linear flow look the same from both ends of a vesicle: what is symmetric about its centre at the
+start remains so. Without a flow, what is also its own mirror image in an axis along the field or across it remains
+that. Discretely both hold to round-off, but the neck of a bud under compression amplifies what is broken of them by
+1e8 and more. So what the start has is restored after every step, and what it lacks by more than 1e-10 is left alone:
+
+    about the centre:  x(α + π) = -x(α),   V_m(α + π) = -V_m(α)
+    in the axis a:     x(-α) = R x(α),     V_m(-α) = ±V_m(α),    R = 2 a aᵀ - 1,
+
+with x from the centre and a through the first node. V_m is linear in the field: + where a lies along it, - across it.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from ..numerics.arrays import NodePoints, Nodes, Scalar
+from ..physics.scene import Scene
+
+# Of the size of a vesicle, in units of which potentials are too:
+_KEPT = 1e-10  # nearer to symmetric is symmetric
+_LOST = 1e-7  # no step breaks more of it by round-off
+
+
+class Symmetry(eqx.Module):
+    """What a lone vesicle has at the start, and therefore always."""
+
+    about_center: Bool[Array, ""]
+    in_axis: Bool[Array, ""]
+    axis: Float[Array, "2"]
+    parity: Scalar  # of V_m in the axis
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Symmetry":
+        """The symmetries of the start that field and flow share."""
+        x, V_m = lax.stop_gradient((scene.x[0], None if scene.V_m is None else scene.V_m[0]))
+        axis = (x[0] - jnp.mean(x, axis=0)) / _size(x)
+        parity, shared = jnp.ones(()), jnp.array(scene.flow is None)
+        if scene.field is not None:
+            direction = lax.stop_gradient(scene.field.unit_direction())
+            along, across = jnp.abs(axis @ direction), jnp.abs(axis[0] * direction[1] - axis[1] * direction[0])
+            parity = jnp.where(along > across, 1.0, -1.0)
+            shared = shared & (jnp.minimum(along, across) < _KEPT)
+        all_ = cls(jnp.array(True), shared, axis, parity)
+        in_axis, about_center = (
+            wanted & _is_small(_missing(image, x, V_m), _KEPT * _size(x)) for wanted, *image in all_._images()
+        )
+        return cls(about_center, in_axis, axis, parity)
+
+    @property
+    def kept(self) -> str:
+        """What is kept, in words (outside compiled code); empty if nothing."""
+        words = {"about its centre": self.about_center, "in its axis": self.in_axis}
+        return " and ".join(word for word, kept in words.items() if kept)
+
+    def restored(self, x: NodePoints, V_m: Nodes | None) -> tuple[NodePoints, Nodes | None]:
+        """x and V_m with what the start had, where round-off broke it: their derivatives are untouched.
+
+        What is further from symmetric than round-off can make it in a step was disturbed on purpose, and left alone.
+        """
+        size = _size(x)
+        for wanted, *image in self._images():
+            lost = lax.stop_gradient(_missing(image, x, V_m))
+            given_back = wanted & _is_small(lost, _LOST * size)
+            x, V_m = jax.tree.map(lambda f, d, keep=given_back: f + jnp.where(keep, d, 0.0), (x, V_m), lost)
+        return x, V_m
+
+    def _images(self):
+        """For each symmetry whether it is wanted, and the symmetric parts of x and of V_m as functions."""
+        yield self.in_axis, lambda x: _in_axis(x, self.axis), lambda V_m: _mirrored(V_m, self.parity)
+        yield self.about_center, _about_center, _opposite
+
+
+def _size(x: NodePoints) -> Scalar:
+    return jnp.linalg.norm(x[0] - jnp.mean(x, axis=0))
+
+
+def _missing(image, x: NodePoints, V_m: Nodes | None) -> tuple[NodePoints, Nodes | None]:
+    """What x and V_m lack to be symmetric; `image` has the symmetric part of each."""
+    of_x, of_V_m = image
+    return of_x(x) - x, None if V_m is None else of_V_m(V_m) - V_m
+
+
+def _is_small(parts, limit: Scalar) -> Bool[Array, ""]:
+    return jnp.max(jnp.stack([jnp.max(jnp.abs(part)) for part in jax.tree.leaves(parts)])) < limit
+
+
+def _about_center(x: NodePoints) -> NodePoints:
+    center = jnp.mean(x, axis=0)
+    return center + _opposite(x - center)
+
+
+def _opposite(f: Array) -> Array:
+    """The part of f, (N, ...), that changes sign half-way round."""
+    return 0.5 * (f - jnp.roll(f, f.shape[0] // 2, axis=0))
+
+
+def _backwards(f: Array) -> Array:
+    """f(-α)."""
+    return jnp.roll(f[::-1], 1, axis=0)
+
+
+def _in_axis(x: NodePoints, axis: Float[Array, "2"]) -> NodePoints:
+    center = jnp.mean(x, axis=0)
+    image = _backwards(x - center)
+    reflected = 2 * jnp.outer(image @ axis, axis) - image
+    return center + 0.5 * (x - center + reflected)
+
+
+def _mirrored(f: Nodes, parity: Scalar) -> Nodes:
+    return 0.5 * (f + parity * _backwards(f))

@@ -1,0 +1,254 @@
+"""The tables of a scene file: their fields are its keys, with their defaults.
+
+Lengths are in units of a, times in t_κ = μa³/κ_B, all angles in degrees. A missing table means that the
+thing is absent. A key whose type does not allow None, but whose default it is, has to be given (`tables`).
+Nothing here imports JAX, so that bad input is answered at once.
+"""
+
+import math
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from ..geometry import outlines
+from .checking import Table, choice, one_of, refusal
+from .key_types import (
+    Count,
+    Direction,
+    Finite,
+    Flag,
+    Gradient,
+    NodeCount,
+    NonzeroNumber,
+    NotNegative,
+    Numbers,
+    Positive,
+    Ratio,
+    Times,
+    Tolerance,
+    Window,
+)
+from .vesicle_tables import CircleVesicle, EllipseVesicle, PointsVesicle, VesicleTable
+
+
+def _tables(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or not value:
+        raise refusal("one or more [[vesicle]] tables")
+    return value
+
+
+class PairTable(Table):
+    """Two copies of the one vesicle, whose center becomes that of the pair."""
+
+    separation: Positive = None
+    offset_angle: Finite = 0.0  # of the line of centres from x
+
+    def offset(self, xp: Any = math) -> tuple[Any, Any]:
+        """From the middle to the second vesicle; the first lies opposite. `xp` has the functions for its numbers."""
+        angle = self.offset_angle * (math.pi / 180)
+        return 0.5 * self.separation * xp.cos(angle), 0.5 * self.separation * xp.sin(angle)
+
+
+class TimeTable(Table):
+    """How the strength of the field depends on time: a factor on it."""
+
+    told_apart_by: ClassVar[str] = "kind"
+
+
+class ConstantTime(TimeTable):
+    """The field is there from the start."""
+
+    kind: Literal["constant"] = "constant"
+
+
+class PulseTime(TimeTable):
+    """A pulse with linear flanks of length `rise`."""
+
+    kind: Literal["pulse"] = "pulse"
+    start: Finite = None
+    duration: Positive = None
+    rise: Positive = 1e-3
+
+
+class SineTime(TimeTable):
+    """offset + amplitude · sin(2π frequency t + phase), the phase in degrees."""
+
+    kind: Literal["sine"] = "sine"
+    frequency: Positive = None
+    amplitude: Finite = 1.0
+    offset: Finite = 0.0
+    phase: Finite = 0.0
+
+
+class TabulatedTime(TimeTable):
+    """Linear between the given times, constant before and after."""
+
+    kind: Literal["table"] = "table"
+    times: Times = None
+    values: Numbers = None
+
+    @model_validator(mode="after")
+    def _one_value_per_time(self) -> "TabulatedTime":
+        if len(self.values) != len(self.times):
+            raise refusal(f"{len(self.times)} numbers, one for each of the times", "values", self.values)
+        return self
+
+
+class FieldTable(Table):
+    """The imposed electric field, and what fluids and membranes do to it."""
+
+    beta: NotNegative = None
+    conductivity_ratio: Ratio = None  # Λ
+    membrane_conductance: NotNegative = 0.0  # G
+    chi: Positive = 0.08
+    permittivity_ratio: Positive = 1.0  # ε_i/ε_e
+    direction: Direction = (0.0, 1.0)
+    time: choice(ConstantTime, PulseTime, SineTime, TabulatedTime) | None = None
+
+
+class FlowTable(Table):
+    """An imposed flow, linear in position."""
+
+    told_apart_by: ClassVar[str] = "kind"
+
+
+class ShearFlow(FlowTable):
+    """v = Ca (y, 0)."""
+
+    kind: Literal["shear"] = "shear"
+    capillary_number: NonzeroNumber = None
+
+
+class ExtensionFlow(FlowTable):
+    """v = Ca (x, -y)."""
+
+    kind: Literal["extension"] = "extension"
+    capillary_number: NonzeroNumber = None
+
+
+class LinearFlow(FlowTable):
+    """v = gradient · x."""
+
+    kind: Literal["linear"] = "linear"
+    gradient: Gradient = None
+
+
+class StopTable(Table):
+    """End early: when nothing moves any more, or when the history of all vesicles has become of a class.
+
+    A class that the start has already is not one to wait for; see `phases`.
+    """
+
+    steady: Positive | None = None
+    class_: one_of("P", "O", "POP") | None = Field(None, alias="class")
+
+    @model_validator(mode="after")
+    def _says_when(self) -> "StopTable":
+        if self.steady is None and self.class_ is None:
+            raise refusal("steady, class, or both")
+        return self
+
+
+class NumericsTable(Table):
+    """How it is computed.
+
+    `nodes = "auto"` begins with the fewest of 64, 96, 128, 192 and 256 with which the starting curves are resolved: the
+    top of their spectra is below 1e-6 of the largest mode. Then it follows what shape, potential and tension need, as
+    `resolution` tells; `/nodes` of the result holds what was used, and all rows are given on 256 nodes.
+
+    `method`: "auto" is "ark4", and "ark5" for a tolerance below 3e-6, of several vesicles below 3e-5.
+
+    `solver`: "dense" factorises the systems that couple all membranes, "matrix-free" never forms a matrix of two
+    membranes unless they are near, "auto" goes by size. `neighbours` is the room for near pairs without matrices, per
+    vesicle on average; a run in need of more ends as "crowded".
+
+    `certify` makes the run once more with other nodes and other steps (`wholerun`) to learn the error of the whole.
+    That takes about a third of the time of the run, and several times as long where the run is poorly resolved.
+    """
+
+    nodes: NodeCount = 64
+    tolerance: Tolerance | None = None  # 1e-4, unless there is a time_step
+    time_step: Positive | None = None
+    method: one_of("auto", "ark4", "ark5", "euler") = "auto"
+    solver: one_of("auto", "dense", "matrix-free") = "auto"
+    neighbours: Count = 8
+    certify: Flag | None = None  # a run makes the estimate unless this is false
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_a_tolerance_or_a_step(cls, values: Any) -> Any:
+        if isinstance(values, dict) and values.get("tolerance") is None and values.get("time_step") is None:
+            return values | {"tolerance": 1e-4}
+        return values
+
+    @model_validator(mode="after")
+    def _one_control_of_the_step(self) -> "NumericsTable":
+        if self.tolerance is not None and self.time_step is not None:
+            raise refusal("no time_step beside a tolerance: one of the two", "time_step", self.time_step)
+        if self.method == "euler" and self.time_step is None:
+            wanted = '"auto", "ark4" or "ark5", or a time_step: "euler" has no error estimate'
+            raise refusal(wanted, "method", self.method)
+        return self
+
+
+class SceneFile(Table):
+    """A whole scene file."""
+
+    t_end: Positive = None
+    saves: Count = 200
+    average: Window | None = None
+    vesicle: Annotated[
+        tuple[choice(EllipseVesicle, CircleVesicle, PointsVesicle, default="ellipse"), ...],
+        Field(strict=False),
+        BeforeValidator(_tables),
+    ] = None
+    pair: PairTable | None = None
+    field: FieldTable | None = None
+    flow: choice(ShearFlow, ExtensionFlow, LinearFlow) | None = None
+    stop: StopTable | None = None
+    numerics: NumericsTable = NumericsTable()
+
+    def vesicles(self, xp: Any = math) -> tuple[VesicleTable, ...]:
+        """All of them, a pair as two; `xp` as in `PairTable.offset`."""
+        if self.pair is None:
+            return self.vesicle
+        dx, dy = self.pair.offset(xp)
+        (one,) = self.vesicle
+        x, y = one.center
+        return tuple(one.model_copy(update={"center": (x + s * dx, y + s * dy)}) for s in (-1, 1))
+
+    @model_validator(mode="after")
+    def _hangs_together(self) -> "SceneFile":
+        if self.average is not None and self.average[1] > self.t_end:
+            raise refusal(f"two times [a, b] with 0 <= a < b <= t_end = {self.t_end}", "average", self.average)
+        if self.pair is not None and len(self.vesicle) != 1:
+            raise refusal(f"exactly one [[vesicle]] to copy, not {len(self.vesicle)}", "pair", {})
+        if self.field is None:
+            self._has_nothing_electric()
+        self._is_clear_of_contact()
+        return self
+
+    def _has_nothing_electric(self) -> None:
+        for i, vesicle in enumerate(self.vesicle):
+            for key in ("conductivity_ratio", "membrane_conductance", "chi", "permittivity_ratio"):
+                value = getattr(vesicle, key)
+                if value is not None:
+                    raise refusal(f"a [field], without which no {key} matters", f"vesicle[{i}].{key}", value)
+        if self.stop is not None and self.stop.class_ is not None:
+            raise refusal("a [field], along which a vesicle is prolate or oblate", "stop.class", self.stop.class_)
+
+    def _is_clear_of_contact(self) -> None:
+        vesicles = self.vesicles()
+        if len(vesicles) == 1:
+            return
+        touching = outlines.first_touching(
+            [outlines.placed(v.polygon(), v.length, v.angle, v.center) for v in vesicles]
+        )
+        if touching is None:
+            return
+        i, j = touching
+        if self.pair is not None:
+            expected = "more: vesicle[0] and vesicle[1], the two copies, overlap or touch at the start"
+            raise refusal(expected, "pair.separation", self.pair.separation)
+        expected = f"a place clear of vesicle[{i}]: vesicle[{i}] and vesicle[{j}] overlap or touch at the start"
+        raise refusal(expected, f"vesicle[{j}].center", vesicles[j].center)

@@ -1,0 +1,124 @@
+"""The [[vesicle]] tables of a scene file: an ellipse, a circle, or a curve through points."""
+
+import abc
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from ..geometry import outlines
+from ..geometry.outline_files import SUFFIXES, read_outline
+from .checking import Table, refusal
+from .key_types import Count, Finite, Flag, NotNegative, Pair, PointList, Positive, Ratio, ReducedArea, Text
+
+
+class VesicleTable(Table):
+    """What vesicles of every shape have; the electrical numbers, where absent, are those of [field]."""
+
+    told_apart_by: ClassVar[str] = "shape"
+
+    shape: str
+    angle: Finite = 0.0  # by which the shape is turned; that of the major axis of an ellipse
+    center: Pair = (0.0, 0.0)  # where the centroid is
+    length: Positive = 1.0  # perimeter / 2π
+    bending: Positive = 1.0  # relative to the reference κ_B
+    relaxed: Flag = False  # first relax to equilibrium, without field or flow
+    conductivity_ratio: Ratio | None = None
+    membrane_conductance: NotNegative | None = None
+    chi: Positive | None = None
+    permittivity_ratio: Positive | None = None
+
+    @abc.abstractmethod
+    def polygon(self) -> outlines.Polygon:
+        """The outline of the shape, of any size, angle and place."""
+
+
+class DeformableVesicle(VesicleTable):
+    """What can be given no symmetry; a circle has no room for it."""
+
+    disturbance: Finite | None = None  # amplitude of what breaks the symmetry of the shape (`shapes.disturbed`)
+
+    @model_validator(mode="after")
+    def _stays(self):
+        if self.relaxed and self.disturbance is not None:
+            raise refusal("no disturbance where relaxed = true, which would undo it", "disturbance", self.disturbance)
+        return self
+
+
+class EllipseVesicle(DeformableVesicle):
+    """An ellipse of given reduced area Δ = 4πA/L²."""
+
+    shape: Literal["ellipse"] = "ellipse"
+    reduced_area: ReducedArea = None
+
+    def polygon(self):
+        return outlines.ellipse_polygon(self.reduced_area)
+
+
+class CircleVesicle(VesicleTable):
+    """A circle, whose reduced area is 1."""
+
+    shape: Literal["circle"] = "circle"
+
+    def polygon(self):
+        return outlines.circle_polygon()
+
+
+class PointsVesicle(DeformableVesicle):
+    """A smooth closed curve through points, scaled to the length; clockwise ones are turned round.
+
+    `file` is read at once and becomes `points`: a scene written back does not depend on other files. Where the points
+    carry noise, as those of a microscope do, only some Fourier modes of the outline are kept: `modes` says how many.
+    Without it their number is chosen from the noise and written to `modes`, with a warning. `flip_y` turns an image,
+    whose y axis points down, upright; points are flipped at once, and written back with `flip_y` false.
+    """
+
+    shape: Literal["points"] = "points"
+    file: Text | None = None  # .csv, .txt, .tsv, .dat or .npy, relative to the scene file
+    points: PointList | None = None
+    modes: Count | None = None  # of the outline; without it all, or as many as noisy points support
+    flip_y: Flag = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, values: Any, info) -> Any:
+        if not isinstance(values, dict):
+            return values
+        file = values.get("file")
+        if (file is None) == (values.get("points") is None):
+            wanted = f"the name of a {', '.join(SUFFIXES)} file, or else points = [[x, y], …]"
+            raise refusal(wanted, "file", file)
+        if file is not None and not isinstance(file, str):
+            return values  # refused by the type of the key
+        key = "points" if file is None else "file"
+        try:
+            if file is None:
+                points, lines = _as_array(values["points"]), None
+            else:
+                points, lines = read_outline((info.context or {}).get("folder", Path()) / file)
+            modes, flip = values.get("modes"), values.get("flip_y", False)
+            if (
+                points is None
+                or not (modes is None or (type(modes) is int and modes > 0))
+                or not isinstance(flip, bool)
+            ):
+                return values  # what is wrong is said by the types of the keys
+            outline = outlines.prepared(points * [1.0, -1.0] if flip else points, modes, lines)
+        except ValueError as error:
+            raise refusal(str(error), key, values[key]) from None
+        found = {"points": outline.points.tolist(), "modes": outline.modes, "flip_y": False}
+        return {key: value for key, value in values.items() if key != "file"} | found
+
+    def polygon(self):
+        return outlines.Polygon(outlines.smooth(np.array(self.points), self.modes))
+
+
+def _as_array(points: Any) -> np.ndarray | None:
+    """Points as an array (K, 2), or None where they are none."""
+    try:
+        array = np.array(points)
+    except ValueError:
+        return None
+    good = array.ndim == 2 and array.shape[1] == 2 and array.dtype.kind in "iuf"
+    return array.astype(float) if good else None

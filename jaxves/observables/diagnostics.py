@@ -1,0 +1,229 @@
+r"""What is reported of a state, and how each quantity is computed; `quantities` has names, units and axes.
+
+Stress of the particles on the suspension, with the force f_hd that membranes exert on the fluid:
+
+    Σ_ab = -(1/A) Σ ∮ (f_hd)_a x_b ds,   A the total area,   [μ] = Σ_12 / Ca in shear
+
+In a field Σ is not symmetric: the field exerts a torque. Energy balance at every instant:
+
+    dE_b/dt = power of the flow + power of the field - dissipation,     E_b = ½ ∮ κ_B κ² ds
+    dissipation = ∮ f_hd · S[f_hd] ds,  flow = -∮ f_hd · v_∞ ds,  field = -∮ f_el · dx/dt ds
+
+The film between two membranes drains as their tension lets it, and what nodes miss of the tension weighs the more
+the thinner the film: the relative error of its rate of drainage is about τ/(2d)² where the gap d is below the node
+spacing, τ the top of the spectrum of the tension over its largest mode (`experiments/film.py` has the measurement).
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..equation.equation import Equation
+from ..equation.state import Motion, Unknowns
+from ..geometry import curve as geometry
+from ..geometry import extremes
+from ..geometry.curve import Curve
+from ..numerics import fourier
+from ..operators.interactions import over_pairs
+from ..physics import membrane
+from ..physics.scene import Scene
+
+_AT_REST = 1e-6  # of κ_B/L²: forces below this balance, whatever round-off says
+
+
+def tank_treading_speed(curve: Curve, velocity: Array) -> Array:
+    """∮ (v - v̄)·t ds / L with the mean velocity v̄: -Ca/2 for a circle in shear."""
+    weights = curve.weights / jnp.sum(curve.weights)
+    return jnp.sum(weights * jnp.sum((velocity - weights @ velocity) * curve.tangent, axis=-1))
+
+
+def stress(motion: Motion) -> Array:
+    """Particle stress tensor; positions from the mean centroid, on which it does not depend in total."""
+    curves = motion.surfaces.curves
+    centers = jax.vmap(geometry.centroid)(curves)
+    arm = (curves.x - jnp.mean(centers, axis=0)) * curves.weights[..., None]
+    return -jnp.einsum("mna,mnb->ab", motion.f_hd, arm) / jnp.sum(jax.vmap(geometry.area)(curves))
+
+
+def _crossings(first: Curve, second: Curve) -> Array:
+    """Which edges of the polygon of nodes of one curve intersect which of another, (N, N)."""
+
+    def ends(curve):
+        return curve.x, jnp.roll(curve.x, -1, axis=0)
+
+    def side(a, b, c):
+        """Twice the signed area of a, b, c, for all edges (a, b) and all points c."""
+        u, v = (b - a)[:, None], c[None] - a[:, None]
+        return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+
+    (p, q), (r, s) = ends(first), ends(second)
+    return (side(p, q, r) * side(p, q, s) < 0) & (side(r, s, p) * side(r, s, q) < 0).T
+
+
+def crosses_itself(curve: Curve) -> Array:
+    """Whether two edges of the polygon of nodes intersect."""
+    # An edge shares an end with its neighbours: products there are round-off about zero, not below it.
+    N = curve.x.shape[0]
+    steps = jnp.abs(jnp.arange(N)[:, None] - jnp.arange(N)[None])
+    return jnp.any(_crossings(curve, curve) & (jnp.minimum(steps, N - steps) > 1))
+
+
+def _is_inside(point: Array, curve: Curve) -> Array:
+    """Whether the polygon of nodes of a curve encloses a point or has it on its edge: then edges turn about it."""
+    a, b = curve.x - point, jnp.roll(curve.x, -1, axis=0) - point
+    cross, dot = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], jnp.sum(a * b, axis=-1)
+    nothing = (cross == 0) & (dot == 0)
+    turned = jnp.sum(jnp.arctan2(jnp.where(nothing, 0.0, cross), jnp.where(nothing, 1.0, dot)))
+    return jnp.abs(turned) > 0.5 * jnp.pi
+
+
+def collides(curves: Curve) -> Array:
+    """Whether the polygons of any two vesicles intersect, or one lies inside of the other or upon it."""
+
+    def of_pair(first, second):
+        return jnp.any(_crossings(first, second)) | _is_inside(first.x[0], second) | _is_inside(second.x[0], first)
+
+    return jnp.any(over_pairs(of_pair, curves))
+
+
+def _angle(vector: Array) -> Array:
+    """From x, in (-π, π]; 0, with derivative 0, for no vector."""
+    nothing = jnp.all(vector == 0)
+    return jnp.arctan2(jnp.where(nothing, 0.0, vector[1]), jnp.where(nothing, 1.0, vector[0]))
+
+
+def _of_many(curves: Curve, center: Array, tension_tail: Array) -> dict[str, Array]:
+    least = jnp.min(over_pairs(extremes.gap, curves))
+    out = {"min_gap": least, "film_error": jnp.max(tension_tail) / (2 * least) ** 2}
+    if center.shape[0] == 2:
+        line = center[0] - center[1]
+        return out | {"separation": jnp.hypot(line[0], line[1]), "line_angle": _angle(line)}
+    apart2 = jnp.sum((center[:, None] - center[None]) ** 2, axis=-1)
+    itself = jnp.eye(center.shape[0], dtype=bool)
+    return out | {"neighbor_distance": jnp.sqrt(jnp.min(jnp.where(itself, jnp.inf, apart2), axis=1))}
+
+
+def powers(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:
+    """The energy balance at one instant."""
+    scene, curves = equation.scene, motion.surfaces.curves
+    weights = curves.weights[..., None]
+
+    def energy(x):
+        return jnp.sum(jax.vmap(lambda x, k: membrane.bending_energy(Curve.from_nodes(x), k))(x, scene.bending))
+
+    _, energy_rate = jax.jvp(energy, (y.x,), (motion.velocity,))
+    out = {}
+    disturbance = motion.velocity
+    if scene.flow is not None:
+        imposed = scene.flow.velocity(y.x, t)
+        disturbance = disturbance - imposed
+        out["power_flow"] = -jnp.sum(weights * motion.f_hd * imposed)
+    if scene.field is not None:
+        out["power_electric"] = -jnp.sum(weights * motion.f_el * motion.velocity)
+    supplied = sum(out.values(), start=jnp.zeros(()))
+    out["dissipation"] = jnp.sum(weights * motion.f_hd * disturbance)
+    out["power_balance"] = energy_rate + out["dissipation"] - supplied
+    return out
+
+
+def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, speed) -> dict[str, Array]:
+    cut = equation.filter
+    # The spectrum of a tension that is even along the membrane is round-off, and says nothing.
+    uneven = jnp.ptp(sigma) > _AT_REST * bending / geometry.length(curve) ** 2
+    return {
+        "area": geometry.area(curve),
+        "length": geometry.length(curve),
+        "center": geometry.centroid(curve),
+        "deformation": geometry.deformation(curve, jnp.array([0.0, 1.0])),
+        "inclination": geometry.inclination(curve),
+        "tank_treading_speed": tank_treading_speed(curve, velocity),
+        "bending_energy": membrane.bending_energy(curve, bending),
+        "spectral_tail": fourier.spectral_tail(x, cut.x),
+        "tension_tail": jnp.where(uneven, fourier.spectral_tail(sigma, cut.surface), 0.0),
+        "metric_error": jnp.max(jnp.abs(curve.speed / speed - 1)),
+        "self_gap": extremes.self_gap(curve),
+    }
+
+
+def _balance(curve: Curve, f: Array, bending: Array) -> dict[str, Array]:
+    """How far the forces of one membrane on itself are from cancelling."""
+    arm, length = curve.x - geometry.centroid(curve), geometry.length(curve)
+    size = jnp.sum(jnp.abs(f), axis=-1)
+    # Forces of a membrane at rest are round-off: less than a millionth of the bending force is none.
+    least = _AT_REST * bending / length**2
+    force = jnp.sum(jnp.abs(curve.weights @ f)) / (curve.weights @ size + least)
+    turning = jnp.abs(curve.weights @ (arm[:, 0] * f[:, 1] - arm[:, 1] * f[:, 0]))
+    torque = turning / (curve.weights @ (jnp.sum(jnp.abs(arm), axis=-1) * size) + least * length)
+    return {"force_residual": force, "torque_residual": torque}
+
+
+def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
+    arm = curve.x - geometry.centroid(curve)
+    weights = curve.weights
+    tangential = jnp.abs(jnp.sum(f_el * curve.tangent, axis=-1))
+    across = jnp.sum(jnp.abs(jnp.sum(f_el * curve.normal, axis=-1)) * weights)
+    dipole = jnp.sum((q[:, None] * arm - V_m[:, None] * curve.normal) * weights[:, None], axis=0)
+    return {
+        "dipole": dipole,
+        "dipole_angle": _angle(dipole),
+        "charge": jnp.sum(q * weights),
+        "torque": jnp.sum(weights * (arm[:, 0] * f_el[:, 1] - arm[:, 1] * f_el[:, 0])),
+        "traction_ratio": jnp.sum(tangential * weights) / jnp.where(across > 0, across, 1.0),
+    }
+
+
+def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:
+    """All quantities that this scene has, but for the unwrapped inclination, which needs a history."""
+    scene: Scene = equation.scene
+    curves = motion.surfaces.curves
+
+    def shape(*args):
+        return _of_shape(equation, *args)
+
+    out = jax.vmap(shape)(curves, y.x, motion.velocity, motion.sigma, scene.bending, equation.speed)
+    out |= jax.vmap(extremes.over_membrane)(curves, motion.sigma, scene.bending, y.V_m)
+    own = motion.f_hd if motion.f_el is None else motion.f_hd + motion.f_el
+    out |= jax.vmap(_balance)(curves, own, scene.bending)
+    if scene.field is not None:
+        field = scene.field
+        q = field.contrast()[:, None] * motion.w
+        out |= jax.vmap(_of_field)(curves, q, y.V_m, motion.f_el)
+        direction = field.unit_direction()
+        out["deformation_along_field"] = jax.vmap(geometry.deformation, in_axes=(0, None))(curves, direction)
+        tail = jax.vmap(lambda V_m: fourier.spectral_tail(V_m, equation.filter.surface))(y.V_m)
+        # Where V_m does not vary, as before charging starts, its spectrum is round-off and says nothing.
+        charged = jnp.ptp(y.V_m, axis=1) > 1e-8
+        out["spectral_tail"] = jnp.maximum(out["spectral_tail"], jnp.where(charged, tail, 0.0))
+    out["stress"] = stress(motion)
+    if scene.flow is not None:
+        out["effective_viscosity"] = scene.flow.effective_viscosity(out["stress"])
+    if y.x.shape[0] > 1:
+        out |= _of_many(curves, out["center"], out["tension_tail"])
+    out |= powers(equation, t, y, motion)
+    out["residual"] = motion.residual
+    return out
+
+
+def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
+    """The integrands of the time averages.
+
+    Angles average as directors: `director` holds cos 2θ and sin 2θ of the inclination θ.
+    """
+    curves = motion.surfaces.curves
+    theta = jax.vmap(geometry.inclination)(curves)
+    return {
+        "stress": stress(motion),
+        "tank_treading_speed": jax.vmap(tank_treading_speed)(curves, motion.velocity),
+        "deformation": jax.vmap(geometry.deformation, in_axes=(0, None))(curves, jnp.array([0.0, 1.0])),
+        "director": jnp.stack([jnp.cos(2 * theta), jnp.sin(2 * theta)], axis=-1),
+    }
+
+
+def averages(means: dict[str, Array], scene: Scene) -> dict[str, Array]:
+    """Time averages as users know them, from the means of `averaged`."""
+    out = {name: means[name] for name in ("stress", "tank_treading_speed", "deformation")}
+    director = means["director"]
+    out["inclination"] = 0.5 * jnp.arctan2(director[..., 1], director[..., 0])
+    if scene.flow is not None:
+        out["effective_viscosity"] = scene.flow.effective_viscosity(means["stress"])
+    return out

@@ -1,0 +1,154 @@
+r"""Velocity, pressure, potential and electric field away from the membranes, at one instant of a run.
+
+    u = v_∞ + S_Stokes[f_hd],   p = P_Stokes[f_hd]       φ = -E_∞·x + S q - D V_m,   E = -∇φ       of all membranes
+
+Points anywhere, up to the membranes, where fields that jump have the limit from the point's own side. Near a
+membrane its potentials are closely evaluated; farther than the paper's 5h rule from its nodes, made four times as
+many by trigonometric interpolation, the trapezoidal rule holds to round-off, and is several times cheaper. Points
+are sorted by the membrane they are near, and chunks of them choose between the rules at run time, membrane by
+membrane (under `vmap` a choice becomes both).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..equation.equation import Equation
+from ..equation.state import Unknowns
+from ..geometry.curve import Curve
+from ..numerics import fourier
+from ..numerics.arrays import Points, Scalar, ScalarLike, as_float
+from ..potentials import close_laplace, close_stokes, far
+from ..potentials.close_laplace import CloseGeometry
+
+_UPSAMPLE = 4  # source nodes of the trapezoidal rule per node of the run
+_STRIP = 5.0 / _UPSAMPLE + 0.5  # node spacings of the run; the curve may pass half of one from its nodes
+_CHUNK = 256  # points evaluated at once: bounds the memory to some ten MB, whatever the number of vesicles
+
+
+class Surroundings(eqx.Module):
+    """Fields at P points; `None` where there is no electric field.
+
+    `velocity` in a/t_κ, `pressure` in κ_B/a³ (zero far away), `potential` in a|E_∞|, `electric_field` in |E_∞|;
+    `inside` is the number of the vesicle that encloses the point, -1 in the outer fluid. Round-off decides for points
+    on a membrane, and the other fields are those of the side that it chose.
+    """
+
+    velocity: Points
+    pressure: Float[Array, "P"]
+    potential: Float[Array, "P"] | None
+    electric_field: Points | None
+    inside: Int[Array, "P"]
+
+
+class _Membrane(eqx.Module):
+    """One membrane, or with a leading axis all of them, and its densities."""
+
+    curve: Curve
+    f_hd: Float[Array, "*batch N 2"]
+    q: Float[Array, "*batch N"] | None
+    V_m: Float[Array, "*batch N"] | None
+
+
+def fields_at(equation: Equation, t: ScalarLike, y: Unknowns, points: Points) -> Surroundings:
+    """What the fluid does and which field there is at `points`, with state `y` at time `t`.
+
+    Differentiable, forward and reverse, in everything but `inside`.
+    """
+    return _around(equation, as_float(t), y, points)
+
+
+@eqx.filter_jit
+def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surroundings:
+    scene = equation.scene
+    motion = equation.motion(t, y)
+    q = None if scene.field is None else scene.field.contrast()[:, None] * motion.w
+    membranes = _Membrane(motion.surfaces.curves, motion.f_hd, q, y.V_m)
+
+    M, P = y.x.shape[0], points.shape[0]
+    is_near, enclosed = jax.lax.map(lambda point: _place(membranes.curve, point), points, batch_size=_CHUNK)
+    order = jnp.argsort(jnp.where(jnp.any(is_near, axis=1), jnp.argmax(is_near, axis=1), M))
+    size = min(_CHUNK, P)
+    chunks = jnp.pad(order, (0, -P % size), mode="edge").reshape(-1, size)
+
+    def of_chunk(some):
+        return _disturbance(membranes, points[some], is_near[some], enclosed[some])
+
+    place = jnp.argsort(order)
+    sums, enclosed = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[place], jax.lax.map(of_chunk, chunks))
+    velocity, pressure, *electric = sums
+    if scene.flow is not None:
+        velocity = velocity + scene.flow.velocity(points[None], t)[0]
+    potential = electric_field = None
+    if scene.field is not None:
+        E_inf = scene.field.E_inf(t)
+        potential, electric_field = electric[0] - points @ E_inf, E_inf - electric[1]
+    inside = jnp.where(jnp.any(enclosed, axis=1), jnp.argmax(enclosed, axis=1), -1)
+    return Surroundings(velocity, pressure, potential, electric_field, inside)
+
+
+def _place(curves: Curve, point: Float[Array, "2"]) -> tuple[Bool[Array, "M"], Bool[Array, "M"]]:
+    """Which membranes `point` is near, and which polygons of nodes enclose it: farther off, the membranes do as well.
+
+    By the winding number, counted in crossings of the ray to the right.
+    """
+    start = jax.lax.stop_gradient(far.separations(curves, point[None])[0])
+    end = jnp.roll(start, -1, axis=1)
+    # With r = point - node, the edge from r0 to r1 crosses the level of the point, to its right.
+    cross = start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]
+    up = (start[..., 1] >= 0) & (end[..., 1] < 0) & (cross > 0)
+    down = (start[..., 1] < 0) & (end[..., 1] >= 0) & (cross < 0)
+    enclosed = jnp.sum(up, axis=1) > jnp.sum(down, axis=1)
+    strip = _STRIP * jnp.max(jax.vmap(lambda curve: curve.weights)(curves), axis=1)
+    return jnp.min(jnp.sum(start**2, axis=-1), axis=1) < strip**2, enclosed
+
+
+def _disturbance(membranes: _Membrane, targets: Points, is_near: Bool[Array, "P M"], enclosed: Bool[Array, "P M"]):
+    """The sums over all membranes of their fields, as in `_closely`, and which membranes enclose the targets."""
+
+    def of_one(args):
+        membrane, is_near, enclosed = args
+        return jax.lax.cond(
+            jnp.any(is_near),
+            lambda: _closely(membrane, targets),
+            # None is near when this counts; when it does not, under `vmap`, 0/0 must not enter the derivative.
+            lambda: (_widely(membrane, jnp.where(is_near[:, None], _elsewhere(membrane), targets)), enclosed),
+        )
+
+    fields, enclosed = jax.lax.map(of_one, (membranes, is_near.T, enclosed.T))
+    return jax.tree.map(lambda field: jnp.sum(field, axis=0), fields), enclosed.T
+
+
+def _elsewhere(membrane: _Membrane) -> Float[Array, "2"]:
+    return 1.0 + 2.0 * jnp.max(jnp.abs(membrane.curve.x), axis=0)
+
+
+def _closely(membrane: _Membrane, targets: Points):
+    """Velocity, pressure and, with a field, S q - D V_m and its gradient of one membrane; which targets it encloses."""
+    close = CloseGeometry.of(membrane.curve, targets)
+    q, V_m = membrane.q, membrane.V_m
+    fields = close_stokes.stokes_slp(close, membrane.f_hd), close_stokes.stokes_slp_pressure(close, membrane.f_hd)
+    if q is not None:
+        potential = close_laplace.laplace_slp(close, q) - close_laplace.laplace_dlp(close, V_m)
+        gradient = close_laplace.laplace_slp_gradient(close, q) - close_laplace.laplace_dlp_gradient(close, V_m)
+        fields = *fields, potential, gradient
+    return fields, close.inside
+
+
+def _widely(membrane: _Membrane, targets: Points):
+    """The same fields by the trapezoidal rule."""
+    K = _UPSAMPLE * membrane.curve.x.shape[0]
+
+    def finer(density):
+        return fourier.resample(density, K, axis=0)[None]
+
+    curves = jax.vmap(Curve.from_nodes)(finer(membrane.curve.x))
+    f_hd = finer(membrane.f_hd)
+    fields = far.stokes_slp(curves, f_hd, targets), far.stokes_slp_pressure(curves, f_hd, targets)
+    if membrane.q is not None:
+        q, V_m = finer(membrane.q), finer(membrane.V_m)
+        potential = far.laplace_slp(curves, q, targets) - far.laplace_dlp(curves, V_m, targets)
+        gradient = far.laplace_slp_gradient(curves, q, targets) - far.laplace_dlp_gradient(curves, V_m, targets)
+        fields = *fields, potential, gradient
+    return fields

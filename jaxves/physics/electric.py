@@ -1,0 +1,147 @@
+r"""The leaky-dielectric field about capacitive membranes (Wu & Veerapaneni, eqs. 5-9).
+
+    φ = -E_∞·x + S q - D V_m,     q = [[∂_n φ]],  V_m = [[φ]],     jumps are inside minus outside
+    ½ w + S'[η w] = E_∞·n + D'V_m,             q = η w,  η = (Λ-1)/(Λ+1)
+    χ dV_m/dt + G V_m = Λ/(1+Λ) w              at a material point
+    f_el = (β/χ) [[ε (½(E_n² - E_t²) n + E_n E_t t)]]
+
+The unknown is w rather than q: it stays finite at Λ = 1, where q = 0. As ∮ E_∞·n ds = ∮ D'V_m ds = 0,
+∮ w ds = 0 as well; adding its mean to the operator changes no solution and keeps it regular at
+Λ → ∞, where ½ + S' alone is singular.
+"""
+
+import dataclasses
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..base.arguments import Bounded, is_known, refusal
+from ..base.bounds import FINITE, NOT_NEGATIVE, POSITIVE, RATIO
+from ..geometry.curve import Curve, d_ds
+from ..numerics.arrays import NodePoints, Nodes, PerVesicle, Scalar, as_float
+from .waveform import AbstractHistory
+
+_PER_VESICLE = ("conductivity_ratio", "membrane_conductance", "membrane_chi", "permittivity_ratio")
+
+
+def inner_share(conductivity_ratio: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    """Λ/(1+Λ), with value and derivative right for all Λ in [0, ∞]."""
+    small = conductivity_ratio <= 1
+    inverse = 1 / jnp.where(small, 1.0, conductivity_ratio)
+    below = jnp.where(small, conductivity_ratio, 0.0)
+    return jnp.where(small, below / (1 + below), 1 / (1 + inverse))
+
+
+class Field(Bounded):
+    """The imposed field and what the membranes and fluids do to it; (M,) arrays are per vesicle.
+
+    β = ε|E_∞|² a C_m / μσ_e and χ are the reference numbers that scale the Maxwell stress; a vesicle
+    whose own capacitance differs has its own `membrane_chi`.
+
+    Raises:
+        ValueError: a known number is out of its bounds, or shapes do not fit.
+    """
+
+    bounds: ClassVar = {
+        "beta": NOT_NEGATIVE,
+        "chi": POSITIVE,
+        "conductivity_ratio": RATIO,
+        "membrane_conductance": NOT_NEGATIVE,
+        "membrane_chi": POSITIVE,
+        "permittivity_ratio": POSITIVE,
+        "direction": FINITE,
+    }
+
+    beta: Scalar = eqx.field(converter=as_float)
+    chi: Scalar = eqx.field(converter=as_float)
+    conductivity_ratio: PerVesicle = eqx.field(converter=as_float)  # Λ
+    membrane_conductance: PerVesicle = eqx.field(converter=as_float)  # G
+    membrane_chi: PerVesicle = eqx.field(converter=as_float)
+    permittivity_ratio: PerVesicle = eqx.field(converter=as_float)  # ε_i/ε_e
+    direction: Float[Array, "2"] = eqx.field(converter=as_float)
+    history: AbstractHistory | None = None
+
+    def __check_init__(self):
+        for name in ("beta", "chi"):
+            if getattr(self, name).shape != ():
+                raise refusal(f"Field.{name}", getattr(self, name), "one number")
+        for name in _PER_VESICLE:
+            if getattr(self, name).ndim != 1 or getattr(self, name).shape != self.conductivity_ratio.shape:
+                raise refusal(f"Field.{name}", getattr(self, name), "one number for each vesicle, (M,)")
+        if not isinstance(self.history, AbstractHistory | None):
+            raise refusal("Field.history", self.history, "a factor of time, such as Pulse(0.0, 1.0, 1e-3), or None")
+        if self.direction.shape != (2,) or (is_known(self.direction) and not np.any(np.asarray(self.direction))):
+            raise refusal("Field.direction", self.direction, "two finite numbers, not both zero")
+
+    def is_within_bounds(self) -> Bool[Array, ""]:
+        return super().is_within_bounds() & jnp.any(self.direction != 0)
+
+    def for_vesicles(self, M: int) -> "Field":
+        """The field of one vesicle, its numbers repeated for M."""
+        repeated = {name: jnp.broadcast_to(getattr(self, name), (M,)) for name in _PER_VESICLE}
+        return dataclasses.replace(self, **repeated)
+
+    def unit_direction(self) -> Float[Array, "2"]:
+        """`direction`, normalised."""
+        return self.direction / jnp.sqrt(jnp.sum(self.direction**2))
+
+    def E_inf(self, t: Scalar) -> Float[Array, "2"]:
+        """The imposed field at time t, in units of the reference |E_∞|."""
+        direction = self.unit_direction()
+        return direction if self.history is None else self.history(t) * direction
+
+    def stress_scale(self) -> Scalar:
+        """β/χ: the Maxwell stress of the reference field over the bending stress κ_B/a³."""
+        return self.beta / self.chi
+
+    def contrast(self) -> PerVesicle:
+        """η = (Λ-1)/(Λ+1)."""
+        return 2 * inner_share(self.conductivity_ratio) - 1
+
+    def charging_rate(self, V_m: Float[Array, "M N"], w: Float[Array, "M N"]) -> Float[Array, "M N"]:
+        """dV_m/dt = (Λ/(1+Λ) w - G V_m)/χ."""
+        share = inner_share(self.conductivity_ratio)
+        conductance = self.membrane_conductance
+        return (share[:, None] * w - conductance[:, None] * V_m) / self.membrane_chi[:, None]
+
+
+class SurfaceFields(eqx.Module):
+    """Normal and tangential electric field on the two sides of one membrane."""
+
+    inner_normal: Nodes
+    outer_normal: Nodes
+    inner_tangential: Nodes
+    outer_tangential: Nodes
+
+
+def surface_fields(
+    curve: Curve,
+    E_inf: Float[Array, "2"],
+    conductivity_ratio: Scalar,
+    w: Nodes,
+    V_m: Nodes,
+    potential_slope: Nodes,
+) -> SurfaceFields:
+    """One-sided fields from w, V_m and ∂_s of the mean potential S q - D V_m on the membrane.
+
+    Current continuity gives the normal parts without another operator: E_n = w/(1+Λ) inside and
+    Λ w/(1+Λ) outside, so E_n,i - E_n,e = -q.
+    """
+    share = inner_share(conductivity_ratio)
+    tangential = curve.tangent @ E_inf - potential_slope
+    half_jump = 0.5 * d_ds(V_m, curve)
+    return SurfaceFields((1 - share) * w, share * w, tangential - half_jump, tangential + half_jump)
+
+
+def maxwell_traction(curve: Curve, fields: SurfaceFields, permittivity_ratio: Scalar) -> NodePoints:
+    """[[ε (½(E_n² - E_t²) n + E_n E_t t)]] in units of ε_e |E_∞|²."""
+    E_n, E_t = fields.inner_normal, fields.inner_tangential
+    normal = permittivity_ratio * 0.5 * (E_n**2 - E_t**2)
+    tangential = permittivity_ratio * E_n * E_t
+    E_n, E_t = fields.outer_normal, fields.outer_tangential
+    normal = normal - 0.5 * (E_n**2 - E_t**2)
+    tangential = tangential - E_n * E_t
+    return normal[:, None] * curve.normal + tangential[:, None] * curve.tangent

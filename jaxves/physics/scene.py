@@ -1,0 +1,217 @@
+"""What is simulated: vesicles, and the field and flow they are in, if any.
+
+Numbers with a meaning are arrays (traced, differentiable, batchable); sizes are shapes; absence is
+`None`, decides what is traced, and costs nothing.
+"""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from ..base.arguments import Bounded, is_known, refusal, require, require_count
+from ..base.bounds import FINITE, POSITIVE
+from ..geometry import shapes as curves
+from ..geometry import starts
+from ..numerics.arrays import PerVesicle, VesiclePoints, as_float, require_x64
+from .electric import Field
+from .flow import AbstractFlow
+
+_FLOW = "a flow, such as Shear(10.0)"
+
+
+class Scene(Bounded):
+    """The starting nodes and all physical parameters.
+
+    `x`: nodes (M, N, 2), counter-clockwise, equispaced in arc length; `bending`: κ_B of each vesicle
+    relative to the reference, (M,). The transmembrane potential starts at `V_m` (M, N), or at zero.
+
+    Values that are known are checked here. A run of a scene whose values are traced ends as `invalid` where this would
+    have raised (`is_valid`).
+
+    Raises:
+        ValueError: shapes do not fit, a number is out of its bounds, or the curves are no start (see `make_scene`).
+    """
+
+    bounds: ClassVar = {"bending": POSITIVE}
+
+    x: VesiclePoints = eqx.field(converter=as_float)
+    bending: PerVesicle = eqx.field(converter=as_float)
+    field: Field | None = None
+    flow: AbstractFlow | None = None
+    V_m: Float[Array, "M N"] | None = None
+
+    def __check_init__(self):
+        require_x64()
+        if self.x.ndim != 3 or self.x.shape[0] < 1 or self.x.shape[-1] != 2 or self.x.shape[1] % 2:
+            raise ValueError(f"Scene.x must have shape (M, N, 2) with N even, but has {self.x.shape}.")
+        M, N, _ = self.x.shape
+        for name, kind, wanted in (("field", Field, "a field, as dc_field makes it"), ("flow", AbstractFlow, _FLOW)):
+            if not isinstance(getattr(self, name), kind | None):
+                raise refusal(f"Scene.{name}", getattr(self, name), f"{wanted}, or None")
+        if self.bending.shape != (M,):
+            raise ValueError(f"Scene.bending must have shape {(M,)}, but has {self.bending.shape}.")
+        if self.field is not None and self.field.conductivity_ratio.shape != (M,):
+            raise ValueError(
+                f"Scene.field has numbers for {len(self.field.conductivity_ratio)} vesicles, but Scene.x has {M}: "
+                f"call dc_field(..., vesicles={M})."
+            )
+        if self.V_m is not None and self.field is None:
+            raise ValueError("Scene.V_m needs Scene.field: without a field nothing charges the membrane.")
+        if self.V_m is not None and self.V_m.shape != (M, N):
+            raise ValueError(f"Scene.V_m must have shape {(M, N)}, but has {self.V_m.shape}.")
+        if self.V_m is not None:
+            require("Scene.V_m", self.V_m, FINITE)
+        if is_known(self.x):
+            _check_start(np.asarray(self.x))
+
+    def is_valid(self) -> Bool[Array, ""]:
+        """Whether numbers are in bounds and curves can be started from; may be traced. Runs see contact themselves."""
+        valid = starts.are_startable(self.x) & self.is_within_bounds()
+        parts = (self.field, self.flow, None if self.field is None else self.field.history)
+        for part in parts:
+            if part is not None:
+                valid = valid & part.is_within_bounds()
+        return valid
+
+
+def _check_start(x: Float[np.ndarray, "M N 2"]) -> None:
+    starts.check_curves("Scene.x", x)
+    for m in np.flatnonzero(starts.is_clockwise(x)):
+        raise refusal(f"Scene.x[{m}]", "clockwise nodes", "counter-clockwise ones: make_scene turns them round")
+    for m in np.flatnonzero(starts.is_uneven(x)):
+        wanted = "nodes equispaced in arc length: make_scene spaces them evenly along the same curve"
+        raise refusal(f"Scene.x[{m}]", "unevenly spaced nodes", wanted)
+
+
+def make_scene(
+    shapes: ArrayLike | Sequence[ArrayLike],
+    *,
+    centers=None,
+    bending=1.0,
+    field: Field | None = None,
+    flow: AbstractFlow | None = None,
+) -> Scene:
+    """A scene from one curve or several, each moved by its center (default: as it lies).
+
+    Known nodes given clockwise are turned round, and nodes that are not equispaced in arc length are spaced evenly
+    along the trigonometric interpolant of the curve, from the first node on. Traced nodes are taken as they are: a run
+    of them ends as `invalid` if they should have been put right. `bending`, and the numbers of a `field` made for one
+    vesicle, hold for all vesicles.
+
+    Args:
+        shapes: nodes (N, 2) of one curve, or of several, each with the same even N.
+        centers: (M, 2), or (2,) for one vesicle: what is added to the nodes of each curve.
+        bending: κ_B relative to the reference: one number, or (M,).
+        field: see `dc_field`.
+        flow: `Shear`, `Extension` or `Linear`.
+
+    Raises:
+        ValueError: shapes of the arguments do not fit together, a known number is out of its bounds, or the curves have
+            nodes that are not finite, cross themselves, or overlap or touch each other. One line names the argument.
+    """
+    x = _stacked(shapes)
+    if is_known(x):
+        x = _put_right(x)
+    M = x.shape[0]
+    if centers is not None:
+        require("centers", centers, FINITE)
+        if np.shape(centers) not in ({(M, 2), (2,)} if M == 1 else {(M, 2)}):
+            raise ValueError(f"centers must have shape {(M, 2)}, one center a curve, but has {np.shape(centers)}.")
+        x = x + jnp.reshape(as_float(centers), (M, 1, 2))
+    if np.shape(bending) not in ((), (M,)):
+        raise ValueError(f"bending must be one number or have shape {(M,)}, but has {np.shape(bending)}.")
+    if isinstance(field, Field) and field.conductivity_ratio.shape == (1,):
+        field = field.for_vesicles(M)
+    return Scene(as_float(x), jnp.broadcast_to(as_float(bending), (M,)), field, flow)
+
+
+def _stacked(shapes) -> Float[Array | np.ndarray, "M N 2"]:
+    several = isinstance(shapes, list | tuple) and all(np.ndim(shape) == 2 for shape in shapes)
+    if several and len({np.shape(shape) for shape in shapes}) != 1:
+        found = ", ".join(str(np.shape(shape)) for shape in shapes) or "no curve"
+        raise ValueError(f"shapes must be curves (N, 2) with the same number of nodes, but they have {found}.")
+    wanted = "shapes must be nodes (N, 2) of a curve with N even and at least 8, or several of the same N"
+    try:
+        known = is_known(shapes)
+        x = np.asarray(shapes, dtype=float) if known else jnp.asarray(shapes, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{wanted}, but are no array of numbers.") from None
+    x = x[None] if x.ndim == 2 else x
+    if x.ndim != 3 or x.shape[0] < 1 or x.shape[-1] != 2 or x.shape[1] % 2 or x.shape[1] < 8:
+        raise ValueError(f"{wanted}, but have shape {np.shape(shapes)}.")
+    return x
+
+
+def _put_right(x: Float[np.ndarray, "M N 2"]) -> Float[Array | np.ndarray, "M N 2"]:
+    """Counter-clockwise curves with even nodes; raises ValueError for what is no closed curve."""
+    for m, nodes in enumerate(x):
+        starts.check_curves(f"shapes[{m}]" if len(x) > 1 else "shapes", nodes[None])
+    clockwise = starts.is_clockwise(x)
+    x = np.where(clockwise[:, None, None], x[:, ::-1], x)
+    uneven = starts.is_uneven(x)
+    if not np.any(uneven):
+        return x
+    even = [curves.equispaced(as_float(nodes), x.shape[1]) if uneven[m] else nodes for m, nodes in enumerate(x)]
+    return jnp.stack([as_float(nodes) for nodes in even])
+
+
+def dc_field(
+    beta,
+    *,
+    conductivity_ratio,
+    membrane_conductance=0.0,
+    chi=0.08,
+    permittivity_ratio=1.0,
+    direction=(0.0, 1.0),
+    vesicles: int = 1,
+    history=None,
+) -> Field:
+    """A field along `direction`; numbers of the membrane may be one for all vesicles or one for each.
+
+    β, Λ, G and χ are the paper's; a `chi` given per vesicle is relative to the first's as reference.
+
+    Args:
+        beta: field strength β >= 0.
+        conductivity_ratio: Λ >= 0, inside over outside; infinity is a perfect conductor inside.
+        membrane_conductance: G >= 0.
+        chi: charging time over t_κ, positive.
+        permittivity_ratio: ε_i/ε_e, positive.
+        direction: of the field; normalised, not zero.
+        vesicles: how many the field is for; `make_scene` repeats the numbers of a field for one.
+        history: a factor of time on the field, such as `Pulse`.
+
+    Raises:
+        ValueError: a known number is out of its bounds, or there are not as many as vesicles.
+    """
+    require_count("vesicles", vesicles)
+    numbers = dict(
+        conductivity_ratio=conductivity_ratio,
+        membrane_conductance=membrane_conductance,
+        chi=chi,
+        permittivity_ratio=permittivity_ratio,
+    )
+    for name, value in numbers.items():
+        if np.shape(value) not in ((), (1,), (vesicles,)):
+            wanted = f"one number, or one for each of {vesicles} vesicles (`vesicles=` says how many)"
+            raise refusal(name, value, wanted)
+    for name, value in (numbers | {"beta": beta, "direction": direction}).items():
+        require(name, value, Field.bounds[name])
+
+    def each(value):
+        return jnp.broadcast_to(as_float(value), (vesicles,))
+
+    chi = as_float(chi)
+    return Field(
+        beta,
+        chi if chi.ndim == 0 else chi[0],
+        each(conductivity_ratio),
+        each(membrane_conductance),
+        each(chi),
+        each(permittivity_ratio),
+        direction,
+        history,
+    )

@@ -1,0 +1,78 @@
+r"""Stokes layer potentials of one curve at targets anywhere, as near to the curve as one likes (viscosity 1).
+
+    S[f]_a = ∮ (-log|r| δ_ab + r_a r_b/|r|²) f_b ds / 4π          D[u]_a = ∮ r_a r_b (r·n) u_b ds / π|r|⁴
+    p[f]   = ∮ r·f ds / 2π|r|²                                    T[f]_ab = -∮ r_a r_b (r·f) ds / π|r|⁴
+
+r = x - y, D[1] = -1 inside. With complex f = f_1 + i f_2, g = f ν̄ and C, S, D of `cauchy` and `near`:
+
+    S[f]                 = ½ S_Laplace[f] + ∮ f ds/8π + ¼ conj C[(ȳ - z̄) g]
+    D[u]                 = D_Laplace[u] + ½ conj C[(z̄ - ȳ) du/dy]
+    p[f]                 = -Re C[g]
+    ½(T_11 - T_22) + i T_12 = ½ conj C[f̄ ν̄ - f ν̄³ - (z̄ - ȳ) dg/dy],        T_11 + T_22 = -2p
+
+each derived from r r·f = ½ (|r|² f + r² f̄) and ∮ f ds/(y - z) = 2π C[f ν̄]. These are the combinations of
+Laplace potentials in [B], with ȳ - z̄ kept together.
+
+[B] A. H. Barnett, B. Wu, S. Veerapaneni, SIAM J. Sci. Comput. 37 (2015) B519-B542.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from ..numerics.arrays import NodePoints, Points
+from .cauchy import complex_of, real_of
+from .close_laplace import CloseGeometry, slp_flux_matrix, slp_of_flux
+from .self_stokes import StokesBlocks
+
+
+def _g(close: CloseGeometry, flux: Float[Array, "K 2"]) -> Complex[Array, "K"]:
+    """The density g = f ν̄ = i f|x_α| / z'."""
+    return 1j * complex_of(flux) / close.dz
+
+
+def _against_distance(close: CloseGeometry, g: Complex[Array, "K"]) -> Complex[Array, "P"]:
+    """C[(ȳ - z̄) g]."""
+    values = close.rule(jnp.stack([jnp.conj(close.z) * g, g], axis=-1))
+    return values[:, 0] - jnp.conj(close.target) * values[:, 1]
+
+
+def stokes_slp(close: CloseGeometry, f: NodePoints) -> Points:
+    """Velocity S[f]."""
+    flux = close.flux(f)
+    equal = 0.5 * jax.vmap(slp_of_flux, in_axes=(None, 1), out_axes=1)(close, flux) + 0.25 * jnp.mean(flux, axis=0)
+    return equal + 0.25 * real_of(jnp.conj(_against_distance(close, _g(close, flux))))
+
+
+def stokes_slp_matrix(close: CloseGeometry) -> StokesBlocks:
+    """The blocks of S."""
+    distance = jnp.conj(close.z - close.target[:, None])
+    cross = close.rule.matrix() * (distance * (0.25j / close.dz))
+    equal = 0.5 * slp_flux_matrix(close) + 0.25 / close.z.shape[0]
+    blocks = equal + cross.real, -cross.imag, equal - cross.real
+    return StokesBlocks(*(close.on_flux(block) for block in blocks))
+
+
+def stokes_slp_pressure(close: CloseGeometry, f: NodePoints) -> Float[Array, "P"]:
+    """Pressure of S[f]."""
+    return -close.rule(_g(close, close.flux(f))).real
+
+
+def stokes_slp_stress(close: CloseGeometry, f: NodePoints) -> Float[Array, "P 2 2"]:
+    """Stress -p δ + ∇u + ∇uᵀ of S[f]; its traction is T·n."""
+    flux = close.flux(f)
+    g = _g(close, flux)
+    # ν̄² = -conj(z')/z'
+    local = close.rule(1j * jnp.conj(complex_of(flux)) / close.dz + g * jnp.conj(close.dz) / close.dz)
+    shear = 0.5 * (local + _against_distance(close, close.rule.d_dz(g)))
+    pressure = -close.rule(g).real
+    normal, tangential = shear.real, -shear.imag
+    rows = [[normal - pressure, tangential], [tangential, -normal - pressure]]
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def stokes_dlp(close: CloseGeometry, u: NodePoints) -> Points:
+    """Velocity D[u]."""
+    u = close.finer(u)
+    du = close.rule.d_dz(complex_of(u))
+    return -close.rule(u + 0j).real - 0.5 * real_of(jnp.conj(_against_distance(close, du)))

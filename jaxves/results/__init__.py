@@ -1,0 +1,8 @@
+"""Result files. Nothing in this folder imports JAX.
+
+hdf5            common pieces: opening, writing without loss, scales of axes
+ownership       one process, one file
+run_store       the file of a run
+restart         what a run needs to continue
+sweep_store     the file of a sweep
+"""

@@ -1,0 +1,125 @@
+"""From a scene file to a scene: nodes on curves, radians for degrees, arrays for numbers.
+
+The tables of the file may hold traced arrays in place of their numbers (`parameters`).
+"""
+
+import math
+from collections.abc import Mapping
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..geometry import curve, outlines, shapes
+from ..inputs.parameters import with_numbers
+from ..inputs.scene_tables import (
+    ExtensionFlow,
+    FieldTable,
+    FlowTable,
+    LinearFlow,
+    PulseTime,
+    SceneFile,
+    ShearFlow,
+    SineTime,
+    TabulatedTime,
+    TimeTable,
+)
+from ..inputs.vesicle_tables import CircleVesicle, DeformableVesicle, EllipseVesicle, PointsVesicle, VesicleTable
+from ..numerics.arrays import NodePoints, ScalarLike, as_float
+from ..physics import flow, waveform
+from ..physics.electric import Field
+from ..physics.scene import Scene, make_scene
+
+_NODES = 64  # to begin with, where the number is found while running ("auto")
+
+
+def build(scene_file: SceneFile) -> Scene:
+    """The scene as the file describes it; vesicles to be relaxed first are not relaxed yet."""
+    N = _NODES if scene_file.numerics.nodes == "auto" else scene_file.numerics.nodes
+    vesicles = scene_file.vesicles(jnp)
+    return make_scene(
+        [_nodes(vesicle, N) for vesicle in vesicles],
+        bending=jnp.stack([as_float(vesicle.bending) for vesicle in vesicles]),
+        field=_field(scene_file.field, vesicles),
+        flow=_flow(scene_file.flow),
+    )
+
+
+def scene_of(scene_file: SceneFile, values: Mapping[str, ScalarLike]) -> Scene:
+    """The scene with these numbers in place of the file's: pure, differentiable and batchable in them.
+
+    Vesicles that are to be relaxed first are not relaxed yet (`Case.at_rest`). Values are not checked.
+
+    Raises:
+        SceneError: the scene has no number of such a name.
+    """
+    return build(with_numbers(scene_file, values))
+
+
+def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
+    angle = _radians(vesicle.angle)
+    match vesicle:
+        case EllipseVesicle():
+            x = shapes.ellipse(N, vesicle.reduced_area, angle=angle, length=vesicle.length)
+        case CircleVesicle():
+            x = shapes.rotated(shapes.circle(N, length=vesicle.length), angle)
+        case PointsVesicle():
+            x = _resampled(N, outlines.smooth(np.array(vesicle.points), vesicle.modes), angle, vesicle.length)
+    if isinstance(vesicle, DeformableVesicle) and vesicle.disturbance is not None:
+        x = shapes.disturbed(x, vesicle.disturbance)
+    return x + jnp.stack([as_float(component) for component in vesicle.center])
+
+
+def _radians(degrees: ScalarLike) -> ScalarLike:
+    return degrees * (math.pi / 180)
+
+
+@partial(jax.jit, static_argnums=0)
+def _resampled(N: int, samples, angle, length) -> NodePoints:
+    x = shapes.equispaced(samples, N)
+    x = x - curve.centroid(curve.Curve.from_nodes(x))
+    return shapes.rotated(shapes.scaled(x, length), angle)
+
+
+def _field(table: FieldTable | None, vesicles: tuple[VesicleTable, ...]) -> Field | None:
+    if table is None:
+        return None
+
+    def each(key: str) -> Float[Array, "M"]:
+        own = [getattr(vesicle, key) for vesicle in vesicles]
+        return jnp.stack([as_float(getattr(table, key) if value is None else value) for value in own])
+
+    return Field(
+        beta=table.beta,
+        chi=table.chi,
+        conductivity_ratio=each("conductivity_ratio"),
+        membrane_conductance=each("membrane_conductance"),
+        membrane_chi=each("chi"),
+        permittivity_ratio=each("permittivity_ratio"),
+        direction=table.direction,
+        history=_history(table.time),
+    )
+
+
+def _history(table: TimeTable | None) -> waveform.AbstractHistory | None:
+    match table:
+        case PulseTime():
+            return waveform.Pulse(table.start, table.duration, table.rise)
+        case SineTime():
+            return waveform.Sine(table.frequency, table.amplitude, table.offset, _radians(table.phase))
+        case TabulatedTime():
+            return waveform.PiecewiseLinear(table.times, table.values)
+    return None
+
+
+def _flow(table: FlowTable | None) -> flow.AbstractFlow | None:
+    match table:
+        case ShearFlow():
+            return flow.Shear(table.capillary_number)
+        case ExtensionFlow():
+            return flow.Extension(table.capillary_number)
+        case LinearFlow():
+            return flow.LinearFlow(table.gradient)
+    return None

@@ -1,0 +1,121 @@
+"""One case: from a scene file and the numbers that are free to the scene, the steps, the solvers and the result.
+
+Everything that computes from a scene file goes this way, so that a key means the same in a run, a sweep, a fit, a
+sensitivity and a critical field. What a use cannot honour it refuses (`jaxves.uses`).
+"""
+
+import math
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..base import status
+from ..equation.equation import Equation, equation_for
+from ..inputs.checking import SceneError, checked
+from ..inputs.scene_tables import SceneFile
+from ..inputs.uses import Use, refuse_unused
+from ..numerics.arrays import ScalarLike, Status, as_float
+from ..numerics.linear import AbstractSolver, Dense
+from ..operators.interactions import AbstractCoupling, Pairwise
+from ..operators.sums import MatrixFree, coupling_for
+from ..physics.scene import Scene
+from ..stepping import marching, schemes
+from ..stepping.marching import AbstractMarch, Adaptive, Checks, Fixed, Result
+from . import rest
+from .build import scene_of
+
+_STEPPERS = {"ark4": schemes.ARK4, "ark5": schemes.ARK5, "euler": schemes.SemiImplicitEuler}
+
+
+class Case(eqx.Module):
+    """A scene file as a function of its numbers; build it with `Case.of`."""
+
+    scene_file: SceneFile = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, scene_file: SceneFile, use: Use) -> "Case":
+        """Raises SceneError for a key that `use` cannot honour, or a table that was changed to what no file may say."""
+        if not isinstance(scene_file, SceneFile):
+            raise SceneError(
+                f"scene_file: {type(scene_file).__name__}, expected a scene file that `load` or `parse` read"
+            )
+        checked(SceneFile, scene_file.model_dump(by_alias=True, exclude_none=True), "scene")
+        refuse_unused(scene_file, use)
+        return cls(scene_file)
+
+    def march(self, t_end: float | None = None, saves: int | None = None) -> AbstractMarch:
+        """The way of stepping that `[numerics]` asks for, with `saves` saved times up to `t_end` (default: the file's).
+
+        A fixed step is shortened until a whole number of them fits between saved times.
+        """
+        file, numerics = self.scene_file, self.scene_file.numerics
+        if numerics.method == "auto":
+            chosen = schemes.for_tolerance(numerics.tolerance, len(file.vesicles()))
+        else:
+            chosen = _STEPPERS[numerics.method]()
+        if numerics.time_step is None:
+            return Adaptive(numerics.tolerance, chosen)
+        spacing = (file.t_end if t_end is None else t_end) / (file.saves if saves is None else saves)
+        return Fixed(math.ceil(spacing / numerics.time_step * (1 - 1e-12)), chosen)
+
+    def solved_by(self, scene: Scene) -> tuple[AbstractSolver | None, AbstractCoupling | None]:
+        """The solver of one membrane's charge and the coupling of several that `[numerics]` asks for."""
+        numerics = self.scene_file.numerics
+        M, N, _ = scene.x.shape
+        match numerics.solver:
+            case "dense":
+                return Dense(), Pairwise(direct=True)
+            case "matrix-free":
+                return None, MatrixFree(numerics.neighbours)
+        return None, coupling_for(M, N, numerics.neighbours)
+
+    def equation(self, scene: Scene, integrands=None) -> Equation:
+        """The equation of a scene built from this file, with the solvers that the file asks for."""
+        solver, coupling = self.solved_by(scene)
+        return equation_for(scene, solver=solver, coupling=coupling, integrands=integrands)
+
+    def checks(self) -> Checks:
+        """The limits of a run, and where the file wants it to end early."""
+        stop = self.scene_file.stop
+        return Checks(steady=None if stop is None or stop.steady is None else as_float(stop.steady))
+
+    def scene(self, values: Mapping[str, ScalarLike]) -> Scene:
+        """The scene with these numbers in place of the file's; vesicles are not relaxed yet. Pure."""
+        return scene_of(self.scene_file, values)
+
+    def at_rest(self, scene: Scene, march: AbstractMarch = rest.MARCH) -> tuple[Scene, Status]:
+        """The scene with vesicles relaxed where the file wants it, and RUNNING or what kept one from resting. Pure."""
+        scene, codes = rest.relaxed(scene, [vesicle.relaxed for vesicle in self.scene_file.vesicles()], march)
+        code = jnp.int32(status.RUNNING)
+        for found in codes:
+            code = jnp.where(found == status.COMPLETE, code, found)
+        return scene, code
+
+    def simulate(
+        self,
+        values: Mapping[str, ScalarLike],
+        *,
+        march: AbstractMarch,
+        t_end: ScalarLike | None = None,
+        saves: int,
+        averaged: bool = False,
+    ) -> Result:
+        """The run with these numbers to `t_end` (default: the file's), relaxed first where the file wants it. Pure."""
+        file = self.scene_file
+        relaxing = rest.MARCH if march.recorded is not None or isinstance(march, Fixed) else rest.MARCH.forwards()
+        scene, code = self.at_rest(self.scene(values), relaxing)
+        scene = eqx.tree_at(lambda s: s.x, scene, jnp.where(code == status.RUNNING, scene.x, jnp.nan))
+        solver, coupling = self.solved_by(scene)
+        result = marching.simulate(
+            scene,
+            file.t_end if t_end is None else t_end,
+            saves=saves,
+            march=march,
+            average=file.average if averaged else None,
+            checks=self.checks(),
+            solver=solver,
+            coupling=coupling,
+        )
+        word = jnp.where(code == status.RUNNING, result.status, code)
+        return eqx.tree_at(lambda r: r.status, result, word)

@@ -1,0 +1,77 @@
+"""A run that starts where an earlier one was: nodes and membrane potential from a saved time of its result file."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..base.arguments import refusal
+from ..geometry import starts
+from ..geometry.shapes import equispaced_parameters
+from ..inputs.scene_tables import SceneFile
+from ..numerics.fourier import evaluate
+from ..physics.scene import Scene
+from ..results import run_store
+from ..results.run_store import Record, StoreError
+from .adapt_nodes import finer_rows
+from .build import build
+from .problem import AUTO_NODES
+
+
+def started_from(path: str | Path, at: float | None, scene_file: SceneFile) -> tuple[Scene, str]:
+    """The scene of `scene_file` with the curves of another result, and which result and time these are, in words.
+
+    The membrane potential is taken over where both have a field. The number of nodes is that of `scene_file`, and for
+    "auto" the least of its numbers that is not less than what the result used.
+
+    Args:
+        path: the result file.
+        at: the saved time nearest to this one is taken; the last if None.
+        scene_file: all but the shapes and places of the vesicles comes from here.
+
+    Raises:
+        StoreError: not a result file, one with other vesicles or without that time, or curves that no run can start
+            from.
+    """
+    record = run_store.read_result(path)
+    row = _row(record, path, at)
+    M = len(scene_file.vesicles())
+    if record.x.shape[1] != M:
+        raise StoreError(f"{path} holds {record.x.shape[1]} vesicles, but the scene has {M}: expected as many.")
+    scene, words = build(scene_file), f"{path} at t = {record.t[row]:.12g}"
+    N = _nodes(scene_file, int(record.nodes[row].max()))
+    has_potential = scene.field is not None and record.V_m is not None
+    fields = np.concatenate([record.x[row], record.V_m[row][..., None]], -1) if has_potential else record.x[row]
+    even = _evenly(finer_rows(fields[None], N)[0])
+    try:
+        scene = Scene(even[..., :2], scene.bending, scene.field, scene.flow, even[..., 2] if has_potential else None)
+    except ValueError as error:
+        raise StoreError(f"no run can start from {words}: {error}") from None
+    return scene, words
+
+
+def _row(record: Record, path: str | Path, at: float | None) -> int:
+    if not len(record.t):
+        raise StoreError(f"{path} has no saved time to start from.")
+    if at is None:
+        return len(record.t) - 1
+    if not record.t[0] <= at <= record.t[-1]:
+        raise StoreError(str(refusal("at", at, f"a time in [0, {record.t[-1]:.12g}], which {path} has")))
+    return int(np.argmin(np.abs(record.t - at)))
+
+
+def _nodes(scene_file: SceneFile, used: int) -> int:
+    if scene_file.numerics.nodes != "auto":
+        return scene_file.numerics.nodes
+    return next((N for N in AUTO_NODES if used <= N), AUTO_NODES[-1])
+
+
+def _evenly(fields: np.ndarray):
+    """x and V_m (M, N, 2 or 3) on nodes equispaced in arc length, which those of another number of nodes are not."""
+    uneven = starts.is_uneven(fields[..., :2])
+    return jnp.stack(
+        [
+            evaluate(jnp.asarray(f), equispaced_parameters(jnp.asarray(f[:, :2]), len(f))) if bad else jnp.asarray(f)
+            for f, bad in zip(fields, uneven, strict=True)
+        ]
+    )

@@ -1,0 +1,135 @@
+"""From a scene file to something that can be marched: nodes, relaxed shapes, equation, steps, checks.
+
+The few large things here are compiled as one program each: run one by one, their hundred small operations
+would take longer to compile than a short run takes.
+"""
+
+import time
+import tomllib
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base import status
+from ..equation.equation import Equation, Filter, equation_for
+from ..equation.state import Unknowns
+from ..inputs.scene_files import parse
+from ..inputs.scene_tables import SceneFile
+from ..numerics import fourier
+from ..numerics.arrays import VesiclePoints
+from ..observables import diagnostics
+from ..physics.scene import Scene
+from ..results import run_store
+from ..stepping import marching
+from ..stepping.marching import AbstractMarch, Checks, State
+from . import rest
+from .build import build
+from .case import Case
+
+AUTO_NODES = (64, 96, 128, 192, 256)
+_RESOLVED = 1e-6  # spectral tail of a starting curve, for `nodes = "auto"`
+
+
+class NotRelaxed(Exception):
+    """A vesicle that is to be relaxed first does not come to rest; `word` says how that run ended."""
+
+    def __init__(self, vesicle: int, word: str):
+        super().__init__(f"vesicle {vesicle} did not relax to equilibrium: {word}")
+        self.word = word
+
+
+class Problem(eqx.Module):
+    """What marching needs, and the state at t = 0."""
+
+    equation: Equation
+    march: AbstractMarch
+    checks: Checks
+    stops: Float[Array, "S"]  # instants at which steps must end
+    state: State
+
+
+def starting_scene(scene_file: SceneFile) -> Scene:
+    """The scene as the file describes it; `nodes = "auto"` becomes the fewest that resolve all starting curves."""
+    if scene_file.numerics.nodes != "auto":
+        return build(scene_file)
+    finest = build(with_nodes(scene_file, AUTO_NODES[-1]))
+    for N in AUTO_NODES[:-1]:
+        if is_resolved(finest.x, N):
+            return build(with_nodes(scene_file, N))
+    return finest
+
+
+def with_nodes(scene_file: SceneFile, N: int) -> SceneFile:
+    """The same scene with this number of nodes."""
+    return scene_file.model_copy(update={"numerics": scene_file.numerics.model_copy(update={"nodes": N})})
+
+
+@eqx.filter_jit
+def is_resolved(x: VesiclePoints, N: int):
+    """Whether N nodes resolve these curves, given with more; may be traced."""
+
+    def tail(x):
+        return fourier.spectral_tail(fourier.resample(x, N, axis=0), Filter.for_nodes(N).x)
+
+    return jnp.max(jax.vmap(tail)(x)) < _RESOLVED
+
+
+def relaxed(case: Case, scene: Scene) -> Scene:
+    """The scene with those vesicles at rest that are to be; raises NotRelaxed."""
+    which = [vesicle.relaxed for vesicle in case.scene_file.vesicles()]
+    scene, codes = awaited(rest.relaxed(scene, which))
+    for m, code in zip(np.flatnonzero(which), codes, strict=True):
+        if int(code) != status.COMPLETE:
+            raise NotRelaxed(int(m), status.WORDS[int(code)])
+    return scene
+
+
+def problem_of(case: Case, scene: Scene) -> Problem:
+    """What `scene`, built from the file of `case`, needs to be marched; compiled as one program."""
+    file = case.scene_file
+    average = None if file.average is None else jnp.array(file.average)
+    march = case.march()
+    t_end = jnp.asarray(file.t_end, dtype=float)
+    equation, stops, state = _started(scene, march, t_end, average, case.solved_by(scene))
+    return Problem(equation, march, case.checks(), stops, state)
+
+
+@eqx.filter_jit
+def _started(scene: Scene, march: AbstractMarch, t_end, average, solved_by):
+    solver, coupling = solved_by
+    integrands = None if average is None else diagnostics.averaged
+    equation = equation_for(scene, solver=solver, coupling=coupling, integrands=integrands)
+    return equation, marching.stops_of(scene, t_end, average), marching.initial_state(equation, march, average)
+
+
+def strengthened(tree):
+    """Arrays of the same values whose types no longer bend to others', as they come back from a step or a file.
+
+    JAX compiles anew for weakly typed arguments, such as a zero that stems from a Python number.
+    """
+    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)) if eqx.is_array(leaf) else leaf, tree)
+
+
+def awaited(tree):
+    """The same arrays, computed; waits where Ctrl-C is heard, which it is not inside compiled code."""
+    while not all(leaf.is_ready() for leaf in jax.tree.leaves(tree) if eqx.is_array(leaf)):
+        time.sleep(1e-3)
+    return tree
+
+
+def reconstructed(record: run_store.Record, t: float) -> tuple[Equation, float, Unknowns]:
+    """The equation of a result, and its state at the saved time nearest to t."""
+    scene_file = parse(tomllib.loads(record.scene))
+    scene = build(scene_file)
+    scene = eqx.tree_at(lambda s: s.x, scene, jnp.asarray(record.x[0]))
+    row = int(np.argmin(np.abs(record.t - t)))
+    V_m = None if record.V_m is None else jnp.asarray(record.V_m[row])
+    solver, coupling = Case(scene_file).solved_by(scene)
+    equation = _equation(scene, solver=solver, coupling=coupling)
+    return equation, float(record.t[row]), Unknowns(jnp.asarray(record.x[row]), V_m)
+
+
+_equation = eqx.filter_jit(equation_for)

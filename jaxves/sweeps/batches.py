@@ -1,0 +1,212 @@
+"""Many cases of one compiled program over the devices of this process, batch after batch.
+
+Every device gets `batch` cases a call. On CPU it takes them one after the other (`lax.map`): the matrices of one case
+fill the caches, batching them gains nothing, and a slow case keeps no other waiting but in its own batch. On a GPU it
+takes them together (`vmap`), which is the point of a GPU, as many as its memory holds.
+
+A case's result does not depend on the batch it is in.
+"""
+
+import dataclasses
+import functools
+import math
+import os
+from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Float
+
+from ..runs import problem
+from ..runs.case import Case
+from ..stepping.marching import Adaptive
+from .case_summary import outcome
+from ..runs.build import scene_of
+from ..inputs.scene_tables import SceneFile
+from ..inputs.sweep_tables import SweepFile
+from ..inputs.checking import SceneError
+from ..inputs.uses import SWEEP
+
+METHODS = ("map", "vmap")
+_IN_FLIGHT = 2  # calls dispatched before the first is awaited: a device that is done early goes on
+_BATCH = {"map": 4, "vmap": 256}
+_SHARE = 0.8  # of the free memory that is used
+
+
+class Program(NamedTuple):
+    """What is compiled once for all cases, whatever their numbers: all that its shape depends on."""
+
+    scene_file: SceneFile
+    keep: tuple[str, ...]
+    names: tuple[str, ...]
+    method: str
+    batch: int
+    devices: tuple[jax.Device, ...]
+
+    @property
+    def size(self) -> int:
+        """Cases in one call."""
+        return self.batch * len(self.devices)
+
+    @property
+    def sharding(self) -> NamedSharding:
+        """Cases along the first axis."""
+        return NamedSharding(Mesh(np.array(self.devices), "d"), PartitionSpec("d"))
+
+    def each(self, function):
+        """Over the cases of one device."""
+        return jax.vmap(function) if self.method == "vmap" else lambda xs: lax.map(function, xs)
+
+    def scene(self, row):
+        """The scene of one case."""
+        return scene_of(self.scene_file, dict(zip(self.names, row, strict=True)))
+
+    def outcome(self, max_steps: int, scene):
+        """What becomes of one case."""
+        case = Case.of(self.scene_file, SWEEP)
+        march = case.march()
+        if isinstance(march, Adaptive):
+            march = dataclasses.replace(march, max_steps=max_steps)
+        return outcome(case, self.keep, march, scene)
+
+
+@functools.lru_cache(maxsize=16)
+def _builder(program: Program):
+    return jax.jit(program.each(program.scene))
+
+
+@functools.lru_cache(maxsize=16)
+def _compiled(program: Program, max_steps: int):
+    def one(case):
+        scene, live = case
+        run = functools.partial(program.outcome, max_steps)
+        nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(run, scene))
+        return lax.cond(live, run, lambda _: nothing, scene)
+
+    rows = jax.ShapeDtypeStruct((program.size, len(program.names)), float)
+    arguments = jax.tree.map(
+        lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=program.sharding),
+        (jax.eval_shape(_builder(program), rows), jax.ShapeDtypeStruct((program.size,), bool)),
+    )
+    spec = program.sharding.spec
+    # Scenes are built outside: what solves for an ellipse does not go into a map over devices.
+    spread = jax.shard_map(
+        lambda *cases: program.each(one)(cases),
+        mesh=program.sharding.mesh,
+        in_specs=spec,
+        out_specs=spec,
+        check_vma=False,
+    )
+    return jax.jit(spread).lower(*arguments).compile()
+
+
+class Batches:
+    """The cases of one sweep through its program.
+
+    Args:
+        sweep_file: the sweep, its number of nodes fixed.
+        names: which numbers vary.
+        devices: of this process, which share the cases.
+        method: "map" or "vmap"; default by platform.
+        batch: cases per device and call; default 4 for "map", for "vmap" 256 or what memory allows.
+
+    Raises:
+        SceneError: not even one case fits into memory, or not as many as asked for.
+    """
+
+    def __init__(
+        self,
+        sweep_file: SweepFile,
+        names: tuple[str, ...],
+        devices: list[jax.Device],
+        method: str | None = None,
+        batch: int | None = None,
+    ):
+        method = method or ("map" if devices[0].platform == "cpu" else "vmap")
+        first, _ = sweep_file.max_steps
+        program = Program(
+            sweep_file.scene, sweep_file.keep, names, method, batch or _BATCH[method], tuple(devices)
+        )  # fmt: skip
+        while (need := _bytes(_compiled(program, first))) > (free := _free(devices)):
+            fits = math.floor(program.batch * free / need)
+            if batch or not fits:
+                raise SceneError(_too_large(program, need, free, fits))
+            program = program._replace(batch=fits)
+        self.program, self._first = program, first
+
+    def outcomes(self, max_steps: int, values: Float[np.ndarray, "cases names"]) -> Iterator[tuple[slice, dict]]:
+        """Which cases, and arrays of what became of them (`outcome`), in order, as soon as they are there."""
+        program, compiled = self.program, _compiled(self.program, max_steps)
+        starts = list(range(0, len(values), program.size))
+        waiting: deque = deque()
+
+        def scenes(k):
+            if k >= len(starts):
+                return None
+            part = values[starts[k] : starts[k] + program.size]
+            live = np.arange(program.size) < len(part)
+            rows = np.concatenate([part, np.broadcast_to(part[:1], (program.size - len(part), part.shape[1]))])
+            return jax.device_put((_builder(program)(rows), live), program.sharding)
+
+        # One batch of scenes is built ahead, or the first device would build while the others wait for it.
+        ahead = scenes(0)
+        for k in range(len(starts)):
+            here, ahead = ahead, scenes(k + 1)
+            waiting.append((starts[k], compiled(*here)))
+            if len(waiting) > _IN_FLIGHT:
+                yield _fetched(*waiting.popleft(), len(values))
+        while waiting:
+            yield _fetched(*waiting.popleft(), len(values))
+
+    def shapes(self) -> dict[str, jax.ShapeDtypeStruct]:
+        """What `outcomes` gives of one case."""
+        row = jax.ShapeDtypeStruct((len(self.program.names),), float)
+        return jax.eval_shape(lambda row: self.program.outcome(self._first, self.program.scene(row)), row)
+
+
+def _too_large(program: Program, need: int, free: int, fits: int) -> str:
+    said = f"{program.batch} cases at a time need {_gib(need)} of memory per device, of which {_gib(free)} are free"
+    if fits:
+        return f"batch = {program.batch}, expected at most {fits}: {said}."
+    nodes = program.scene_file.numerics.nodes
+    # What grows is matrices, with the square of the nodes.
+    fewer = 2 * math.floor(0.5 * nodes * math.sqrt(free / need))
+    return f"numerics.nodes = {nodes}, expected about {fewer} or fewer: {said}."
+
+
+def _fetched(start: int, outcomes: dict, cases: int) -> tuple[slice, dict[str, np.ndarray]]:
+    found = {name: np.asarray(value) for name, value in problem.awaited(outcomes).items()}
+    count = min(len(found["status"]), cases - start)
+    return slice(start, start + count), {name: value[:count] for name, value in found.items()}
+
+
+def _bytes(program) -> int:
+    """Of memory on each device, calls in flight included."""
+    needs = program.memory_analysis()
+    return needs.temp_size_in_bytes + (_IN_FLIGHT + 1) * (needs.output_size_in_bytes + needs.argument_size_in_bytes)
+
+
+def _free(devices: list[jax.Device]) -> int:
+    """Bytes that each device may use."""
+    known = devices[0].memory_stats()
+    if known and "bytes_limit" in known:
+        return int(_SHARE * (known["bytes_limit"] - known.get("bytes_in_use", 0)))
+    return int(_SHARE * _free_on_host() / len(devices))
+
+
+def _free_on_host() -> int:
+    try:
+        with open("/proc/meminfo") as file:
+            lines = dict(line.split(":") for line in file)
+        return 1024 * int(lines["MemAvailable"].split()[0])
+    except (OSError, KeyError):
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+def _gib(size: int) -> str:
+    return f"{size / 2**30:.2g} GiB"

@@ -1,0 +1,146 @@
+"""What becomes of one scene, as a pure function: its end, and what a sweep keeps of it.
+
+The same march as that of a run, from saved time to saved time, but all of it inside compiled code, and reduced
+on the way: the last values of all diagnostics, their averages, and the extremes of some.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array
+
+from ..observables import certificate, diagnostics, classes
+from ..stepping import marching
+from ..base import status
+from ..numerics.arrays import as_float
+from ..runs.case import Case
+from ..stepping.marching import AbstractMarch, State
+from ..physics.scene import Scene
+
+# Whose least and greatest values over all saved times say more than the last ones.
+EXTREMES = (
+    "deformation",
+    "deformation_along_field",
+    "inclination_unwrapped",
+    "tank_treading_speed",
+    "bending_energy",
+    "max_V_m",
+    "tension_min",
+    "tension_max",
+    "spectral_tail",
+    "self_gap",
+    "min_gap",
+    "effective_viscosity",
+)
+_CLASSIFIED = "deformation_along_field"
+
+
+def _diagnostics(row: dict[str, Array]) -> dict[str, Array]:
+    return {name.removeprefix("diagnostics/"): value for name, value in row.items() if "/" in name}
+
+
+class _Seen(eqx.Module):
+    """What is known after some saved times; NaN before the first."""
+
+    final: dict[str, Array]
+    least: dict[str, Array]
+    greatest: dict[str, Array]
+    worst: dict[str, Array]  # what the certificate is made of
+    deformation: Array | None  # along the field at all saved times, (T, M)
+
+    @classmethod
+    def nothing(cls, row: dict[str, Array], saves: int, kept: dict[str, Array]) -> "_Seen":
+        """Before the first of `saves` saved times, of which `row` (all NaN) has the names; `kept` as in `with_row`."""
+        names = _diagnostics(row)
+        extremes = {name: names[name] for name in EXTREMES if name in names}
+        worst = jax.tree.map(lambda leaf: jnp.full_like(leaf, jnp.nan), certificate.maxima(names, kept, jnp))
+        deformation = None
+        if _CLASSIFIED in names:
+            deformation = jnp.full((saves, *names[_CLASSIFIED].shape), jnp.nan)
+        return cls(names, extremes, extremes, worst, deformation)
+
+    def with_row(self, k: Array, row: dict[str, Array], there: Array, kept: dict[str, Array]) -> "_Seen":
+        """Also the row of saved time number k, if it is there; `kept` are the areas and perimeters of the start."""
+        found = _diagnostics(row)
+        return _Seen(
+            {name: jnp.where(there, found[name], old) for name, old in self.final.items()},
+            {name: jnp.fmin(old, found[name]) for name, old in self.least.items()},
+            {name: jnp.fmax(old, found[name]) for name, old in self.greatest.items()},
+            jax.tree.map(jnp.fmax, self.worst, certificate.maxima(found, kept, jnp)),
+            None if self.deformation is None else self.deformation.at[k].set(found[_CLASSIFIED]),
+        )
+
+    def has_class(self, wanted: str) -> Array:
+        """Whether all vesicles have become of this class, which the start alone was not; as `phases.reached`."""
+        code = classes.NAMES.index(wanted)
+        now, before = classes.classify(self.deformation), classes.classify(self.deformation[:1])
+        return jnp.all(now == code) & ~jnp.all(before == code)
+
+
+def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scene) -> dict[str, Array]:
+    """The end of `scene`, whose numbers may be traced; everything else is that of the file of `case`.
+
+    Returns arrays by name: `status` (a code), `t_reached`, `steps`, `rejected`; `class` (M,) with a field (index into
+    `phases.NAMES`); `NAME_final` of every diagnostic, `NAME_average`, and `NAME_min`, `NAME_max` of some; with
+    `keep`, `history/NAME` (T, …) and `history/x`, `history/V_m`.
+    """
+    scene_file, checks = case.scene_file, case.checks()
+    scene, code = case.at_rest(scene)
+    average = None if scene_file.average is None else as_float(scene_file.average)
+    equation = case.equation(scene, integrands=None if average is None else diagnostics.averaged)
+    wanted = None if scene_file.stop is None else scene_file.stop.class_
+    stops = marching.stops_of(scene, scene_file.t_end, average)
+    state = marching.initial_state(equation, march, average)
+    state = eqx.tree_at(lambda s: s.status, state, jnp.where(code == status.RUNNING, state.status, code))
+    times = scene_file.t_end * jnp.arange(scene_file.saves + 1) / scene_file.saves
+
+    def march_to(state: State, t_save: Array):
+        state, rows = marching.advance(equation, march, state, t_save[None], stops, checks)
+        return state, jax.tree.map(lambda leaf: leaf[0], rows)
+
+    nothing = jax.tree.map(
+        lambda leaf: jnp.full(leaf.shape, jnp.nan, leaf.dtype), eqx.filter_eval_shape(march_to, state, times[0])[1]
+    )
+
+    def to_save(carry, at):
+        state, seen = carry
+        k, t_save = at
+        # What has ended costs nothing more, where this is not batched.
+        running = state.status == status.RUNNING
+        state, row = lax.cond(running, march_to, lambda state, _: (state, nothing), state, t_save)
+        seen = seen.with_row(k, row, ~jnp.isnan(row["t"]), equation.kept())
+        if wanted is not None:
+            reached = (state.status == status.RUNNING) & seen.has_class(wanted)
+            state = eqx.tree_at(lambda s: s.status, state, jnp.where(reached, status.CLASS_REACHED, state.status))
+        return (state, seen), {name: row[name] for name in _kept(keep, row)}
+
+    start = state, _Seen.nothing(nothing, len(times), equation.kept())
+    (state, seen), history = lax.scan(to_save, start, (jnp.arange(len(times)), times))
+
+    code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
+    inaccurate = (code <= status.CLASS_REACHED) & certificate.is_inaccurate(seen.worst, jnp)
+    out = {
+        "status": jnp.where(inaccurate, status.INACCURATE, code),
+        "t_reached": state.t,
+        "steps": state.steps,
+        "rejected": state.rejected,
+    }
+    if seen.deformation is not None:
+        out["class"] = classes.classify(seen.deformation)
+    out |= {f"{name}_final": value for name, value in seen.final.items()}
+    if average is not None:
+        means = diagnostics.averages(state.window.means(), scene)
+        out |= {f"{name}_average": value for name, value in means.items()}
+    out |= {f"{name}_min": value for name, value in seen.least.items()}
+    out |= {f"{name}_max": value for name, value in seen.greatest.items()}
+    return out | {f"history/{name.removeprefix('diagnostics/')}": value for name, value in history.items()}
+
+
+def _kept(keep: tuple[str, ...], row: dict[str, Array]) -> list[str]:
+    kept = []
+    if "history" in keep:
+        kept += [name for name in row if "/" in name]
+    if "shapes" in keep:
+        kept += [name for name in ("x", "V_m", "tension") if name in row]
+    return kept

@@ -1,0 +1,281 @@
+"""A sweep as users start it: from a sweep file to a file of results, resumable, on all devices of all processes.
+
+Passes over the cases follow one another: the first, with few steps for each; a second for those that ran out of them,
+so that they keep no other waiting; then, where asked for, the cases between which the class changes, and so on until
+there are none. After every batch its cases are in the file.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from math import prod
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ..observables import diagnostics, quantities
+from . import refinement, processes
+from ..base import status
+from ..inputs import sweep_files
+from ..results import sweep_store
+from .batches import METHODS, Batches
+from ..results.hdf5 import StoreError
+from ..results.ownership import LostFile, real, writing
+from ..inputs.sweep_files import Plan
+from ..results.sweep_store import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, SweepWriter, Variable
+from ..inputs.sweep_tables import SweepFile
+from ..inputs.checking import SceneError
+
+Progress = Callable[[int, int, str], None]  # cases done, cases known to be wanted, what to say
+_OWN = {
+    "status": Variable("1", "how the case ended", dtype="S16"),
+    "passes": Variable("1", "passes given to the case", dtype="i1"),
+}
+_EXTRA = {
+    "t_reached": Variable("t_kappa", "time at the end of the run"),
+    "steps": Variable("1", "accepted steps", dtype="i4"),
+    "rejected": Variable("1", "rejected steps", dtype="i4"),
+}
+_HISTORY = {
+    "t": ("t_kappa", "time", ()),
+    "x": ("a", "position of the nodes", ("vesicle", "node", "xy")),
+    "V_m": ("a E_inf", "transmembrane potential", ("vesicle", "node")),
+    "tension": ("kappa_B/a^2", "membrane tension", ("vesicle", "node")),
+}
+_KINDS = {"final": "at the end", "average": "time average", "min": "least of all times", "max": "greatest of all times"}
+
+
+class _Due(NamedTuple):
+    cases: np.ndarray
+    passes: int  # that they will have been given
+    max_steps: int
+
+
+def sweep(
+    source: str | Path | Mapping[str, Any] | SweepFile,
+    path: str | Path,
+    *,
+    force: bool = False,
+    resume: bool = False,
+    devices: int | None = None,
+    batch: int | None = None,
+    method: str | None = None,
+    progress: Progress = lambda done, total, text: None,
+) -> SweepRecord:
+    """Computes a sweep into a file; returns what the file says. Ctrl-C leaves a file that can be resumed.
+
+    Under `jax.distributed` every process calls this with the same arguments and takes its share of the cases.
+
+    Args:
+        source: a sweep file, its tables, or what `sweepfile.parse` made of them. Values of tables that no scene can
+            have mark their cases as refused; those of a file are refused at once.
+        path: the file of results.
+        force: replace it if it exists.
+        resume: go on with it.
+        devices: how many of this process to use; default all. A machine's cores count as one device unless
+            XLA_FLAGS has --xla_force_host_platform_device_count.
+        batch: cases per device and call.
+        method: "map", one case after the other on each device, or "vmap", all of a batch together; default by
+            platform.
+        progress: called after every batch.
+
+    Raises:
+        SceneError: bad input, or a case that does not fit into memory.
+        StoreError: a file that exists, is of another sweep, is being written by another run, or cannot be written.
+        LostFile: the file was removed or replaced meanwhile; a copy holds what it had.
+    """
+    path = real(path)
+    strict = isinstance(source, str | Path)
+    origin = str(source) if strict else "sweep"
+    if strict:
+        source = sweep_files.read_sweep_file(source)
+    elif not isinstance(source, SweepFile):
+        source = sweep_files.parse(source)
+    plan = sweep_files.plan(source, origin=origin, strict=strict)
+    if force and resume:
+        raise StoreError(f"{path}: force replaces the file and resume continues it, give one of them.")
+    with writing(path) if processes.is_first() else nullcontext():
+        if resume:
+            _check_resumable(path, plan)
+        elif processes.is_first() and path.exists() and not force:
+            raise StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
+        progress(0, len(plan.values) - len(plan.refused), "compiling")
+        batches = Batches(source, plan.names, _devices(devices), _method(method), _count("batch", batch))
+        return _Sweep(path, plan, batches, force, resume, progress).run()
+
+
+def _devices(count: int | None) -> list[jax.Device]:
+    known = jax.local_devices()
+    if _count("devices", count) is not None and count > len(known):
+        raise SceneError(f"devices = {count}, expected at most {len(known)}, which JAX has in this process.")
+    return known[:count]
+
+
+def _count(name: str, value: int | None) -> int | None:
+    if value is not None and value < 1:
+        raise SceneError(f"{name} = {value}, expected a whole number >= 1.")
+    return value
+
+
+def _method(name: str | None) -> str | None:
+    if name is not None and name not in METHODS:
+        raise SceneError(f'method = "{name}", expected one of {", ".join(METHODS)}.')
+    return name
+
+
+def _check_resumable(path: Path, plan: Plan) -> None:
+    if sweep_store.read_sweep(path).attributes["sweep"] != sweep_files.to_toml(plan.sweep_file):
+        raise StoreError(f"{path} holds another sweep: it can be resumed only with its own.")
+
+
+_INACCURATE = status.WORDS[status.INACCURATE]
+
+
+class _Sweep:
+    """One sitting at a sweep."""
+
+    def __init__(self, path: Path, plan: Plan, batches: Batches, force: bool, resume: bool, progress: Progress):
+        self.path, self.plan, self.batches, self.progress = path, plan, batches, progress
+        self.began = time.perf_counter()
+        self.rounds = 0
+        variables, sizes = _variables(batches.shapes())
+        _check_room(path, variables, sizes, plan)
+        attributes = {"device": str(jax.devices()[0]), "nodes": batches.program.scene_file.numerics.nodes}
+        if processes.is_first() and not resume:
+            for left in processes.other_files(path):
+                left.unlink()
+            SweepWriter.create(path, plan, variables, sizes, attributes, force=force).close()
+        elif processes.is_first():
+            self._merge()
+        self._wait("begun")
+        self.before = sweep_store.count_computed(sweep_store.progress(path).status)
+        if processes.own_file(path) != path:
+            SweepWriter.create(processes.own_file(path), plan, variables, sizes, attributes, force=True).close()
+
+    def run(self) -> SweepRecord:
+        """All passes that are still due."""
+        word = "interrupted"
+        try:
+            while (due := self._due()) is not None:
+                with SweepWriter(processes.own_file(self.path)) as writer:
+                    self._pass(writer, due)
+                self._meet()
+            word = "complete"
+        except LostFile:  # what has the name now is not this sweep's
+            word = "lost"
+            raise
+        finally:
+            if processes.is_first() and word != "lost":
+                self._finish(word)
+            if word == "complete":
+                self._wait("finished")
+        record = sweep_store.read_sweep(self.path)
+        return dataclasses.replace(record, computed=sweep_store.count_computed(record.status) - self.before)
+
+    def _due(self) -> _Due | None:
+        known = sweep_store.progress(self.path)
+        computed = ~np.isin(known.status, DUE)
+        self._done = int(np.sum(computed))
+        first, second = self.plan.sweep_file.max_steps
+        if np.any(again := known.status == AGAIN):
+            due = _Due(np.flatnonzero(again), 2, second)
+        else:
+            classes = np.full(computed.shape, "") if known.classes is None else known.classes
+            shape = self.plan.shape
+            fresh = refinement.wanted(classes.reshape(shape), computed.reshape(shape), self.plan.stride)
+            due = _Due(np.flatnonzero(fresh), 1, first)
+        return due if len(due.cases) else None
+
+    def _pass(self, writer: SweepWriter, due: _Due) -> None:
+        mine = processes.share(due.cases, self.batches.program.size)
+        total = self._done + len(due.cases)
+        what = {1: "cases", 2: "cases that need more steps"}[due.passes]
+        self.progress(self._done, total, what)
+        for place, found in self.batches.outcomes(due.max_steps, self.plan.values[mine]):
+            codes = found.pop("status")
+            words = [status.WORDS[int(code)] for code in codes]
+            if due.passes == 1:
+                words = [AGAIN if code == status.TOO_MANY_STEPS else w for w, code in zip(words, codes, strict=True)]
+            if "class" in found:
+                found["class"] = np.array(
+                    [
+                        sweep_store.class_word(row) if word in (*status.SUCCESS, _INACCURATE) else ""
+                        for word, row in zip(words, found["class"], strict=True)
+                    ],
+                    dtype="S",
+                )
+            writer.write(mine[place], words, due.passes, found)
+            self._done += (place.stop - place.start) * jax.process_count()
+            self.progress(min(self._done, total), total, what)
+
+    def _meet(self) -> None:
+        """All processes have done their share of a pass, and the file of the sweep knows it."""
+        self._wait("done")
+        if processes.is_first():
+            self._merge()
+        self._wait("merged")
+
+    def _merge(self) -> None:
+        others = processes.other_files(self.path)
+        if others:
+            with SweepWriter(self.path) as writer:
+                for other in others:
+                    writer.merge(other)
+
+    def _finish(self, word: str) -> None:
+        with SweepWriter(self.path) as writer:
+            if word == "complete":
+                writer.mark(np.flatnonzero(writer.status == PENDING.encode()), SKIPPED)
+            writer.finish(word, time.perf_counter() - self.began)
+        if word == "complete":
+            for other in processes.other_files(self.path):
+                other.unlink()
+
+    def _wait(self, what: str) -> None:
+        self.rounds += 1
+        processes.wait(f"jaxves sweep {what} {self.rounds}")
+
+
+def _variables(shapes: dict[str, jax.ShapeDtypeStruct]) -> tuple[dict[str, Variable], dict[str, int]]:
+    """What the file holds of each case, and the lengths of its dimensions besides those of the grid."""
+    variables, sizes = dict(_OWN), {}
+    for name, shape in shapes.items():
+        if name == "status":
+            continue
+        if name == "class":
+            variables[name] = Variable("1", "phase: P, O, POP, or open; of several vesicles joined by +", dtype="S16")
+            continue
+        variables[name] = _EXTRA.get(name) or _variable(name)
+        sizes |= dict(zip(variables[name].dims, shape.shape, strict=True))
+    return variables, sizes
+
+
+def _variable(name: str) -> Variable:
+    if name.startswith("history/"):
+        name = name.removeprefix("history/")
+        units, long_name, dims = _HISTORY.get(name) or (
+            quantities.QUANTITIES[name].units,
+            quantities.QUANTITIES[name].long_name,
+            quantities.QUANTITIES[name].dims[1:],
+        )
+        return Variable(units, long_name, ("t", *dims))
+    name, _, kind = name.rpartition("_")
+    quantity = quantities.QUANTITIES[name]
+    return Variable(quantity.units, f"{quantity.long_name}: {_KINDS[kind]}", quantity.dims[1:])
+
+
+def _check_room(path: Path, variables: dict[str, Variable], sizes: dict[str, int], plan: Plan) -> None:
+    """Raises SceneError when the file has no room on its disk."""
+    each = sum(np.dtype(v.dtype).itemsize * prod(sizes[dim] for dim in v.dims) for v in variables.values())
+    free = sweep_store.free_bytes(path)
+    cases = prod(plan.shape)
+    # At the end the file is copied once.
+    if 2 * each * cases > free:
+        fits = int(free // (2 * each))
+        raise SceneError(
+            f"{path}: {cases} cases of {each / 2**20:.2g} MiB need {2 * each * cases / 2**30:.3g} GiB on the disk, "
+            f"expected at most {free / 2**30:.3g} GiB, which are free: {fits} cases would fit, or less in keep."
+        )
