@@ -2,6 +2,7 @@
 
 import re
 import runpy
+import tomllib
 from pathlib import Path
 
 import jaxves
@@ -35,3 +36,21 @@ def test_the_version_to_cite_is_the_version_there_is():
     cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert cited[1] == jaxves.__version__
     assert f"## {jaxves.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_every_file_that_the_page_on_the_architecture_names_exists():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([\w./]+\.(?:py|toml))`", text))
+    assert (
+        len(named) > 30
+        and [file for file in named if not any((at / file).is_file() for at in (ROOT, ROOT / "jaxves"))] == []
+    )
+
+
+def test_the_page_on_the_architecture_has_the_layers_that_are_checked():
+    layers = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"][
+        0
+    ]
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = text.partition("## The layers")[2].partition("## The rule")[0]
+    assert re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE) == layers["layers"]
