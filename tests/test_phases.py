@@ -51,5 +51,6 @@ def test_a_class_is_reached_when_all_have_it_and_the_start_did_not():
 
 
 def test_classifying_saved_numbers_needs_no_jax():
-    code = "import sys, numpy; from jaxves.observables import classes; classes.classify(numpy.ones(3)); sys.exit('jax' in sys.modules)"
+    code = "import sys, numpy; from jaxves.observables.classes import classify; classify(numpy.ones(3))"
+    code += "; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -22,15 +22,15 @@ from jax import lax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Float
 
+from ..inputs.checking import SceneError
+from ..inputs.scene_tables import SceneFile
+from ..inputs.sweep_tables import SweepFile
+from ..inputs.uses import SWEEP
 from ..runs import problem
+from ..runs.build import scene_of
 from ..runs.case import Case
 from ..stepping.marching import Adaptive
 from .case_summary import outcome
-from ..runs.build import scene_of
-from ..inputs.scene_tables import SceneFile
-from ..inputs.sweep_tables import SweepFile
-from ..inputs.checking import SceneError
-from ..inputs.uses import SWEEP
 
 METHODS = ("map", "vmap")
 _IN_FLIGHT = 2  # calls dispatched before the first is awaited: a device that is done early goes on

@@ -10,13 +10,13 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from ..observables import certificate, diagnostics, classes
-from ..stepping import marching
 from ..base import status
 from ..numerics.arrays import as_float
-from ..runs.case import Case
-from ..stepping.marching import AbstractMarch, State
+from ..observables import certificate, classes, diagnostics
 from ..physics.scene import Scene
+from ..runs.case import Case
+from ..stepping import marching
+from ..stepping.marching import AbstractMarch, State
 
 # Whose least and greatest values over all saved times say more than the last ones.
 EXTREMES = (

@@ -16,18 +16,18 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..observables import diagnostics, quantities
-from . import refinement, processes
 from ..base import status
 from ..inputs import sweep_files
+from ..inputs.checking import SceneError
+from ..inputs.sweep_files import Plan
+from ..inputs.sweep_tables import SweepFile
+from ..observables import quantities
 from ..results import sweep_store
-from .batches import METHODS, Batches
 from ..results.hdf5 import StoreError
 from ..results.ownership import LostFile, real, writing
-from ..inputs.sweep_files import Plan
 from ..results.sweep_store import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, SweepWriter, Variable
-from ..inputs.sweep_tables import SweepFile
-from ..inputs.checking import SceneError
+from . import processes, refinement
+from .batches import METHODS, Batches
 
 Progress = Callable[[int, int, str], None]  # cases done, cases known to be wanted, what to say
 _OWN = {

@@ -1,0 +1,8 @@
+"""Many cases of one scene.
+
+case_summary    what a sweep keeps of one case
+batches         many cases in one compiled program
+refinement      where a phase diagram needs more cases
+processes       several processes, one sweep
+sweeping        `sweep`
+"""
