@@ -1,8 +1,8 @@
-"""Closed curves: where they come from, what they measure.
+"""Closed curves and the quantities measured on them.
 
-outline_files, outline_fit, outlines    points of a file to a smooth closed curve; no JAX
+outline_files, outline_fit, outlines    from the points of a file to a smooth closed curve; no JAX
 shapes      circles, ellipses, curves through points
-curve       `Curve`: nodes with tangent, normal, curvature; area, length, inclination
-starts      what a starting curve must fulfil
-extremes    the greatest and least values of a function on a curve, between its nodes
+curve       `Curve`: nodes with tangent, normal, curvature; area, length, inclination angle
+starts      checks of starting curves
+extremes    maxima and minima on a curve, also between its nodes; least distances
 """

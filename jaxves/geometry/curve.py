@@ -3,7 +3,7 @@ r"""A closed curve and its geometry at the nodes.
     t = x_α / |x_α|,  n = (t_y, -t_x) outward on a counter-clockwise curve,  κ = +1 on the unit circle
     ds = |x_α| dα
 
-Every function takes one curve (`x` of shape (N, 2)); several are `jax.vmap`ped.
+Every function takes one curve, with nodes `x` of shape (N, 2). Use `jax.vmap` for several curves.
 """
 
 import equinox as eqx
@@ -16,7 +16,7 @@ from ..numerics.arrays import NodePoints, Nodes, Scalar
 
 
 class Curve(eqx.Module):
-    """Nodes with their frame; build it with `Curve.from_nodes`."""
+    """Nodes with tangent, normal, |x_α| (`speed`) and curvature; build it with `Curve.from_nodes`."""
 
     x: NodePoints
     tangent: NodePoints
@@ -26,13 +26,13 @@ class Curve(eqx.Module):
 
     @classmethod
     def from_nodes(cls, x: NodePoints) -> "Curve":
-        """Differentiates the trigonometric interpolant of the nodes."""
+        """Returns the curve that is the trigonometric interpolant of the nodes."""
         d1 = fourier.derivative(x, axis=0)
         return cls.from_derivatives(x, d1, fourier.derivative(d1, axis=0))
 
     @classmethod
     def from_derivatives(cls, x: NodePoints, d1: NodePoints, d2: NodePoints) -> "Curve":
-        """From x, x_α and x_αα at the nodes."""
+        """Returns the curve with these x, x_α and x_αα at the nodes."""
         speed = jnp.sqrt(jnp.sum(d1**2, axis=-1))
         tangent = d1 / speed[:, None]
         normal = jnp.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
@@ -41,39 +41,39 @@ class Curve(eqx.Module):
 
     @property
     def weights(self) -> Float[Array, "*batch N"]:
-        """Arc-length quadrature weights of the trapezoidal rule, spectrally accurate."""
+        """Quadrature weights of the trapezoidal rule in arc length, which is spectrally accurate."""
         return self.speed * (2 * np.pi / self.speed.shape[-1])
 
 
 def d_ds(f: Float[Array, "N *rest"], curve: Curve) -> Float[Array, "N *rest"]:
-    """∂f/∂s at the nodes."""
+    """Returns ∂f/∂s at the nodes."""
     speed = curve.speed.reshape((-1,) + (1,) * (f.ndim - 1))
     return fourier.derivative(f, axis=0) / speed
 
 
 def length(curve: Curve) -> Scalar:
-    """L = ∮ ds."""
+    """Returns the perimeter L = ∮ ds."""
     return jnp.sum(curve.weights)
 
 
 def area(curve: Curve) -> Scalar:
-    """A = ½ ∮ x·n ds; positive for a counter-clockwise curve."""
+    """Returns the enclosed area A = ½ ∮ x·n ds, which is positive for a counter-clockwise curve."""
     return 0.5 * jnp.sum(jnp.sum(curve.x * curve.normal, axis=-1) * curve.weights)
 
 
 def reduced_area(curve: Curve) -> Scalar:
-    """Δ = 4πA/L²; 1 for a circle."""
+    """Returns the reduced area Δ = 4πA/L², which is 1 for a circle."""
     return 4 * jnp.pi * area(curve) / length(curve) ** 2
 
 
 def centroid(curve: Curve) -> Float[Array, "2"]:
-    """Centre of the enclosed area, ∫ x dA / A, by the divergence theorem."""
+    """Returns the centroid of the enclosed area, ∫ x dA / A, by the divergence theorem."""
     moments = 0.5 * jnp.sum(curve.x**2 * (curve.normal * curve.weights[:, None]), axis=0)
     return moments / area(curve)
 
 
 def second_moments(curve: Curve) -> Float[Array, "2 2"]:
-    """I_ab = ∫ (x - c)_a (x - c)_b dA about the centroid c; its major axis is the vesicle's."""
+    """Returns I_ab = ∫ (x - c)_a (x - c)_b dA about the centroid c. Its major axis defines that of the vesicle."""
     r = curve.x - centroid(curve)
     flux = jnp.sum(r * curve.normal, axis=-1) * curve.weights
     # ∇·(r r_a r_b) = 4 r_a r_b in two dimensions
@@ -81,17 +81,20 @@ def second_moments(curve: Curve) -> Float[Array, "2 2"]:
 
 
 def inclination(curve: Curve) -> Scalar:
-    """Angle of the major axis from x, radians in (-π/2, π/2]; 0 for a circle, where no axis exists."""
+    """Returns the angle from the x axis to the major axis, in radians in (-π/2, π/2]; 0 for a circle."""
     moment = second_moments(curve)
     sine, cosine = 2 * moment[0, 1], moment[0, 0] - moment[1, 1]
-    # At a circle both vanish and arctan2 has no derivative: ask it about (0, 1) there instead.
+    # For a circle both vanish and arctan2 has no derivative. It is evaluated at (0, 1) instead.
     size = moment[0, 0] + moment[1, 1]
     round_ = sine**2 + cosine**2 < (1e-12 * size) ** 2
     return 0.5 * jnp.arctan2(jnp.where(round_, 0.0, sine), jnp.where(round_, 1.0, cosine))
 
 
 def deformation(curve: Curve, axis: Float[Array, "2"]) -> Scalar:
-    """(√I_aa - √I_bb)/(√I_aa + √I_bb), `axis` a and b across it: positive when stretched along `axis`."""
+    """Returns D = (√I_aa - √I_bb)/(√I_aa + √I_bb), with a along the unit vector `axis` and b perpendicular to it.
+
+    D is positive if the vesicle is elongated along `axis`.
+    """
     moment = second_moments(curve)
     along = jnp.sqrt(axis @ moment @ axis)
     across_axis = jnp.stack([-axis[1], axis[0]])

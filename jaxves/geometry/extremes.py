@@ -1,14 +1,15 @@
-r"""Extremes over a membrane, and least distances: those of the trigonometric interpolant, not of its nodes.
+r"""Maxima and minima over a membrane, and least distances, of the trigonometric interpolant of the nodes.
 
-The largest value at one of N nodes falls short of the maximum between them by up to 1 % for N = 32 to 96. So each
-extreme is sought between the samples of a finer grid, near the highest sample of each of several parts of the
-membrane, because the highest sample of all need not be next to the highest maximum.
+The largest value at N nodes can be 1 % below the maximum between them for N = 32 to 96. Extremes are therefore computed
+between the samples of a finer grid. The search starts at the largest sample of each of several parts of the membrane,
+because the largest sample of all need not be next to the largest maximum.
 
-The value is that of the interpolant at the place found, and this place carries no derivative but that of one last
-Newton step: where a place is stationary it adds nothing to the first derivative of the value, and with this step the
-second derivative is right as well. At a tie the derivative is that of one of the extremes.
+The result is the value of the interpolant at the place that Newton's method finds. Derivatives ignore how this place
+depends on the function, except in one last Newton step. At a stationary place this does not change the first
+derivative, and the last step makes the second derivative correct. If two extremes are equal, the derivative is that of
+one of them.
 
-Every run compiles this at least twice, so it is written with few operations on small arrays.
+Every run compiles this at least twice, so the code uses few operations on small arrays.
 """
 
 import functools
@@ -24,23 +25,24 @@ from ..numerics.arrays import Nodes, Scalar, staged
 from . import curve as geometry
 from .curve import Curve
 
-_FINER = 4  # samples per node of what varies along one membrane
-_PARTS = 8  # of a membrane
-_ZOOM = np.linspace(-0.5, 0.5, 9)  # places about a sample, in spacings of samples
-_DEGREE = 5  # of the polynomial about each such place: mode N/2 is left with an error of 2e-11 of its amplitude
-_REACH = 0.1  # spacings from such a place
-_FLAT = 1e-10  # relative height over one spacing below which a maximum is not told from round-off
+_FINER = 4  # samples per node for functions on one membrane
+_PARTS = 8  # parts of a membrane, each with its own search
+_ZOOM = np.linspace(-0.5, 0.5, 9)  # places near a sample, in units of the sample spacing
+_DEGREE = 5  # degree of the Taylor polynomial at each such place; mode N/2 has a relative error of 2e-11
+_REACH = 0.1  # largest distance from such a place, in units of the sample spacing
+_FLAT = 1e-10  # relative height over one spacing below which a maximum is round-off
 
-_FINER_PAIRS = 2  # samples of a curve per node for distances, of which there are samples by samples
+_FINER_PAIRS = 2  # samples per node for distances, whose number grows with the square of the samples
 _PARTS_PAIRS = 4
-_ROUNDS = 5  # Newton steps: the first error, below a spacing of the samples, is squared in each
-_CONVERGED = 1e-3  # spacings: the last step to a stationary place is far shorter
+_ROUNDS = 5  # Newton steps; the error starts below one sample spacing, and each step squares it
+_CONVERGED = 1e-3  # the last step to a stationary place is much shorter than this many spacings
 
 
 def _tops(f: Float[Array, "*rest K"]) -> tuple[Float[Array, "*rest K"], Float[Array, "*rest K"]]:
-    """Place, in spacings from each sample, and height of the parabola at local maxima along the last axis.
+    """Returns the vertices of parabolas through three neighbouring samples, at local maxima along the last axis.
 
-    The height is -inf where a sample is no local maximum; beside an infinite sample it is that of the sample.
+    The first result is the place, relative to each sample, in units of the sample spacing. The second is the height. It
+    is -inf where a sample is not a local maximum. Next to an infinite sample it is the height of the sample itself.
     """
     left, right = jnp.roll(f, 1, axis=-1), jnp.roll(f, -1, axis=-1)
     slope, bend = 0.5 * (right - left), 2 * f - left - right
@@ -52,9 +54,9 @@ def _tops(f: Float[Array, "*rest K"]) -> tuple[Float[Array, "*rest K"], Float[Ar
 
 @functools.cache
 def _about(K: int) -> np.ndarray:
-    """The matrix (K, places of `_ZOOM` times derivatives) from periodic samples to values about the first of them.
+    """Returns the matrix from K periodic samples to Taylor coefficients at the places `_ZOOM` near the first sample.
 
-    Derivatives are with respect to the place in spacings, over their factorials.
+    Its shape is (K, places · (degree + 1)). Coefficients refer to places in units of the sample spacing.
     """
     k = 2 * np.pi / K * fourier.wavenumbers(K)
     symbols = [
@@ -65,12 +67,15 @@ def _about(K: int) -> np.ndarray:
 
 
 def _derivative(polynomial: Float[Array, "n"]) -> Float[Array, "m"]:
-    """The coefficients of the derivative, highest first."""
+    """Returns the coefficients of the derivative of a polynomial, the highest power first."""
     return polynomial[:-1] * np.arange(len(polynomial) - 1.0, 0.0, -1.0)
 
 
 def greatest(f: Float[Array, "K"]) -> Scalar:
-    """The maximum of the trigonometric interpolant of samples; K is four times the nodes that would resolve it."""
+    """Returns the maximum of the trigonometric interpolant of the samples f.
+
+    K must be four times the number of nodes that resolve f.
+    """
     K = f.shape[0]
     _, top = _tops(jax.lax.stop_gradient(f))
     part = K // _PARTS
@@ -112,7 +117,7 @@ def over_membrane(curve: Curve, sigma: Nodes, bending: Scalar, V_m: Nodes | None
 def _nearest(r2: Float[Array, "K K"]) -> Float[Array, "P 2"]:
     """Places (i, j), in spacings, near the least local minima of r2[i, j]; excluded pairs are infinite."""
     K, n = r2.shape[0], _PARTS_PAIRS
-    # A sample of one curve lies across from the space between two of the other, at whichever distance.
+    # The nearest point of the other curve can lie between two of its samples.
     shift, top = _tops(-r2)
     parts = jnp.swapaxes(top.reshape(n, K // n, n, K // n), 1, 2).reshape(n * n, -1)
     part, within = np.divmod(np.arange(n * n), n), jnp.divmod(jnp.argmax(parts, axis=1), K // n)
@@ -121,17 +126,19 @@ def _nearest(r2: Float[Array, "K K"]) -> Float[Array, "P 2"]:
 
 
 def _jets(x: Float[Array, "N 2"]) -> tuple[Float[Array, "k 6"], Float[Array, "k 6"]]:
-    """Fourier coefficients of x and its first two derivatives."""
+    """Returns the Fourier coefficients of x and of its first two derivatives."""
     cosine, sine = fourier.coefficients(x)
     k = fourier.wavenumbers(x.shape[0])[:, None]
     return tuple(jnp.concatenate([f, k * df, -(k**2) * f], axis=1) for f, df in ((cosine, sine), (sine, -cosine)))
 
 
 def _newton(z: Float[Array, "2"], on_edge, jets, perimeter):
-    """The squared chord between places z after a Newton step that makes it stationary, and this step.
+    """Makes one Newton step towards a chord of stationary length between the places z.
 
-    On the edge, stationary among chords that are half as long as the membrane between their ends. The step carries
-    the derivative of what it solves; it is zero where that is singular.
+    With `on_edge`, the chord is stationary among the chords that are half as long as the membrane between their ends.
+    The step is differentiable in its equations, and zero where they are singular.
+
+    Returns the squared length of the chord before the step, the step, and the change of the squared length.
     """
     ends = jax.vmap(fourier.series)(jets, z[:, None]).reshape(2, 3, 2) * np.array([1.0, -1.0])[:, None, None]
     chord, d1 = ends[0, 0] + ends[1, 0], ends[:, 1]
@@ -153,9 +160,9 @@ def _newton(z: Float[Array, "2"], on_edge, jets, perimeter):
 
 
 def _least(start: Float[Array, "P 2"], on_edge, jets, spacing: float, counts, perimeter=None) -> Scalar:
-    """The least chord that is stationary near the starts, or at one of them.
+    """Returns the length of the shortest chord among the starts and the stationary chords near them.
 
-    `counts(z, on_edge, square)` says of a chord whether it counts; infinite where none does.
+    `counts(z, on_edge, square)` returns whether a chord is allowed. The result is infinite if no chord is.
     """
     fixed = jax.lax.stop_gradient((jets, perimeter))
     newton = jax.vmap(_newton, in_axes=(0, 0, None, None))
@@ -170,7 +177,7 @@ def _least(start: Float[Array, "P 2"], on_edge, jets, spacing: float, counts, pe
     found = jax.lax.stop_gradient(jnp.where(counts(z, on_edge, square), square, jnp.inf))
     best = jnp.argmin(found)
     positive = (found[best] > 0) & (found[best] < jnp.inf)
-    # The derivative at zero is zero, not NaN.
+    # At zero length the derivative is set to zero; it would be NaN.
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square[best], 1.0)), found[best])
 
 
@@ -183,7 +190,7 @@ def _distances2(x: Float[Array, "K 2"], y: Float[Array, "L 2"]) -> Float[Array, 
 
 
 def gap(first: Curve, second: Curve) -> Scalar:
-    """The least distance of two curves with equally many nodes; its derivatives exist to second order."""
+    """Returns the least distance between two curves with the same number of nodes; twice differentiable."""
     r2 = _distances2(_samples(first), _samples(second))
     spacing = 2 * np.pi / len(r2)
     start = _nearest(r2) * spacing
@@ -192,11 +199,11 @@ def gap(first: Curve, second: Curve) -> Scalar:
 
 
 def self_gap(curve: Curve) -> Scalar:
-    """The narrowest chord across a neck, a fold or the body; infinite for a nearly round curve.
+    """Returns the length of the shortest chord across a neck, a fold or the body; infinite for a nearly round curve.
 
-    Chords count where the membrane between their ends is at least twice as long, by the equal spacing of nodes. The
-    narrowest is a local minimum, as in a neck, or on the edge of what counts, as near the tips of an ellipse: then
-    its derivative is right to first order only.
+    A chord is considered if the membrane between its ends is at least twice as long, assuming evenly spaced nodes. The
+    shortest chord is either a local minimum, as in a neck, or one for which this ratio is exactly two, as near the tips
+    of an ellipse. In the second case only its first derivative is correct.
     """
     x, perimeter = _samples(curve), geometry.length(curve)
     K, whole = len(x), jax.lax.stop_gradient(perimeter)
@@ -208,12 +215,12 @@ def self_gap(curve: Curve) -> Scalar:
     def counts(z, on_edge, square):
         length = jnp.abs(z[:, 1] - z[:, 0]) * (whole / (2 * np.pi))
         length = jnp.minimum(length, whole - length)
-        # Far below the narrowest of the samples there are only chords from a place to itself.
+        # Chords much shorter than the shortest one between samples connect a place with itself.
         return (square > 0.25 * jnp.min(r2)) & (length**2 >= (4 - _FLAT * on_edge) * square)
 
     i, j = _nearest(r2).T
     ahead = (j - i) % K
-    back = ahead > K / 2  # the second end is ahead of the first by the shorter way
+    back = ahead > K / 2  # then the shorter way leads from the second end to the first
     start = jnp.where(back, jnp.stack([j, j + (K - ahead)]), jnp.stack([i, i + ahead])).T * spacing
     start, on_edge = jnp.tile(start, (2, 1)), np.arange(2 * len(start)) < len(start)
     jets = jax.tree.map(lambda modes: jnp.stack([modes, modes]), _jets(curve.x))

@@ -1,9 +1,11 @@
-"""Reading outlines as image programs, spreadsheets and contour tools write them: one point a line, x and y.
+"""Reads outlines that image programs, spreadsheets and contour tools write: one point per line, with x and y.
 
-Understood are columns separated by commas, semicolons, tabs or spaces, decimal commas where they cannot be mistaken,
-one line of column names, an index column before x and y, comments after #, % or //, closed outlines whose last point
-repeats the first, any line ends, and text in UTF-8, UTF-16 or Latin-1. Everything else is refused with the number of
-the line and what to change. Nothing here imports JAX.
+- Columns are separated by commas, semicolons, tabs or spaces. Decimal commas are read if they are unambiguous.
+- One line of column names and an index column before x and y are allowed.
+- Comments start with #, % or //. The last point may repeat the first. Any line ends are allowed.
+- The text is in UTF-8, UTF-16 or Latin-1.
+
+For everything else, the error message names the line and says what to change. Nothing here imports JAX.
 """
 
 import re
@@ -19,14 +21,18 @@ _DECIMAL_COMMAS = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 
 
 class OutlineFile(NamedTuple):
-    """The points of an outline, (K, 2), and the line on which each stands; no lines for a .npy file."""
+    """The points of an outline, (K, 2), and the line number of each; None for a .npy file."""
 
     points: Float[np.ndarray, "K 2"]
     lines: tuple[int, ...] | None
 
 
 def read_outline(path: Path) -> OutlineFile:
-    """The points of a file; raises ValueError that says what to change, with the line."""
+    """Reads the points of a file.
+
+    Raises:
+        ValueError: the file is not an outline; the message names the line and says what to change.
+    """
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"the name of a {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file")
     kind = "a .npy file of K x 2 numbers" if path.suffix.lower() == ".npy" else "a text file of numbers"
@@ -81,7 +87,7 @@ def _parsed(text: str) -> OutlineFile:
 
 
 def _fields(content: str, number: int) -> list[str]:
-    """The columns of a line, with points for decimal commas."""
+    """Returns the columns of a line, with decimal points in place of decimal commas."""
     for separator in (";", "\t"):
         if separator in content:
             return [field.strip().replace(",", ".") for field in content.strip(separator).split(separator)]
@@ -107,7 +113,7 @@ def _numbers(fields: list[str]) -> list[float] | None:
 
 
 def _coordinates(rows: np.ndarray, names: list[str] | None, lines: list[int]) -> Float[np.ndarray, "K 2"]:
-    """The columns x and y: the named ones, the only two, or those after an index."""
+    """Returns the columns x and y: those with these names, the only two, or the two after an index."""
     count = rows.shape[1]
     if names is not None and len(names) == count and names.count("x") == 1 and names.count("y") == 1:
         chosen = rows[:, [names.index("x"), names.index("y")]]

@@ -1,14 +1,14 @@
-r"""The smooth outline behind noisy points: a truncated Fourier series, and how many of its modes the points support.
+r"""Fits a smooth outline to noisy points: a truncated Fourier series, and the choice of its number of modes.
 
     z(t) = Σ_{|m| ≤ modes} c_m e^{imt},   z = x + iy,   least squares in c_m at the parameters t_k of the points
 
-The t_k are found by turns with the c_m: each point moves to the foot of its perpendicular on the curve, and t is made
-proportional to arc length. What remains are distances along the normal, so uneven points and noise along the curve do
-no harm.
+The t_k and the c_m are updated in turn. Each t_k becomes the parameter of the nearest point of the curve, and then t is
+made proportional to arc length. The remaining distances are normal to the curve. Uneven points and noise along the
+curve therefore do not change the result.
 
-Points carry noise when their distances d_k from the best curve are above `EXACT` of its radius although the best curve
-has few modes beside the points. The best number of modes has the least K log Σd² + (2 modes + 1) log K [S]. Nothing
-here imports JAX.
+Points are noisy if their distances d_k from the best curve exceed `EXACT` times its radius although this curve has few
+modes compared with the number of points. The best number of modes minimises K log Σd² + (2 modes + 1) log K [S].
+Nothing here imports JAX.
 
 [S] G. Schwarz, Estimating the dimension of a model, Ann. Statist. 6 (1978) 461-464.
 """
@@ -18,28 +18,28 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-EXACT = 1e-4  # of the radius: smaller distances are those of written decimals
+EXACT = 1e-4  # relative to the radius; smaller distances come from the number of decimals in a file
 _TURNS = 8
-_FEW_TURNS = 3  # while modes are added one by one
-_FEWEST = 48  # points in which noise can be seen
-_MOST = 64  # modes that are tried
-_WINDOWS = 60  # half a moving average has this part of the points
-_PATIENCE = 12  # modes without a better score, after which none is expected
-_SHARE = 3  # noise is told from detail where this many points or more stand for each unknown
+_FEW_TURNS = 3  # the same while modes are added one by one
+_FEWEST = 48  # with fewer points, noise is not estimated
+_MOST = 64  # largest number of modes that is tried
+_WINDOWS = 60  # half a moving average spans the number of points divided by this
+_PATIENCE = 12  # the search ends after so many modes without a better score
+_SHARE = 3  # least number of points per unknown for which noise can be distinguished from detail
 
 
 class Fitted(NamedTuple):
-    """A fitted outline: samples, and the standard deviation of the points along its normal."""
+    """A fitted outline: samples (n, 2), and the standard deviation of the points along its normal."""
 
     samples: Float[np.ndarray, "n 2"]
     deviation: float
 
 
 def fitted(points: Float[np.ndarray, "K 2"], modes: int, count: int) -> Fitted:
-    """The outline with this many modes through points in order, as `count` samples even in arc length."""
+    """Fits an outline with this many modes to points in order; returns `count` samples equispaced in arc length."""
     z = points[:, 0] + 1j * points[:, 1]
     t = _by_chords(z)
-    # With few modes first: noise makes chords longer, here more and there less.
+    # It starts with few modes, because noise makes the chords longer by different amounts.
     for few in (*range(1, min(modes, 3)), *[modes] * _TURNS):
         t, _, _ = _turned(z, t, few)
     _, c, deviation = _turned(z, t, modes)
@@ -49,9 +49,9 @@ def fitted(points: Float[np.ndarray, "K 2"], modes: int, count: int) -> Fitted:
 
 
 def _by_chords(z) -> np.ndarray:
-    """The first parameters of the points: in proportion to the length of the polygon of their moving average.
+    """Returns initial parameters of the points, proportional to the length of the polygon of their moving average.
 
-    Where points lie closer than their noise, the polygon of the points themselves goes to and fro.
+    If the points are closer than their noise, the polygon of the points themselves would move back and forth.
     """
     width = len(z) // _WINDOWS
     mean = sum(np.roll(z, shift) for shift in range(-width, width + 1)) / (2 * width + 1)
@@ -60,7 +60,7 @@ def _by_chords(z) -> np.ndarray:
 
 
 def _turned(z, t, modes: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Better parameters of the points, the coefficients c_m for the given ones, and the deviation from that curve."""
+    """Makes one update; returns new parameters, the coefficients c_m for the old ones, and the deviation from them."""
     m = np.arange(-modes, modes + 1)
     waves = np.exp(1j * np.outer(t, m))
     c = np.linalg.lstsq(waves.conj().T @ waves, waves.conj().T @ z, rcond=None)[0]
@@ -72,7 +72,7 @@ def _turned(z, t, modes: int) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _by_arc_length(c, m, t) -> np.ndarray:
-    """The parameters in proportion to the arc length of the curve from t = 0 on."""
+    """Returns parameters proportional to the arc length of the curve, measured from t = 0."""
     count = 8 * len(m)
     speed = np.abs(np.exp(2j * np.pi * np.outer(np.arange(count), m) / count) @ (1j * m * c))
     # Fourier coefficients of the speed, integrated: s = mean t + a periodic part.
@@ -83,7 +83,7 @@ def _by_arc_length(c, m, t) -> np.ndarray:
 
 
 class Noise(NamedTuple):
-    """What points say of their own errors: the number of modes they support, and the deviation from those."""
+    """The noise of points: the best number of modes, the deviation from that curve, and the radius."""
 
     modes: int
     deviation: float
@@ -91,7 +91,7 @@ class Noise(NamedTuple):
 
 
 def noise_of(points: Float[np.ndarray, "K 2"]) -> Noise | None:
-    """The noise of points in order, or None where they may be exact."""
+    """Estimates the noise of points in order; returns None if they may be exact."""
     K = len(points)
     if K < _FEWEST:
         return None
@@ -109,11 +109,11 @@ def noise_of(points: Float[np.ndarray, "K 2"]) -> Noise | None:
             best, least = Noise(modes, deviation, _radius(points)), score
         elif modes >= best.modes + _PATIENCE:
             break
-    # Detail goes on beyond the modes that were tried, or hides among few points.
+    # Then the points may be exact: the outline has more modes than were tried, or there are too few points to decide.
     detailed = 4 * best.modes > 3 * most or _SHARE * (2 * best.modes + 1) > K
     return None if detailed else best
 
 
 def _radius(points: Float[np.ndarray, "K 2"]) -> float:
-    """Of the circle with the perimeter of the hull of the points, about."""
+    """Returns the mean distance of the points from their centre."""
     return float(np.mean(np.linalg.norm(points - np.mean(points, axis=0), axis=1)))

@@ -1,6 +1,6 @@
-"""Outlines of vesicles as polygons, without JAX: are they curves at all, and clear of each other?
+"""Checks of outlines as polygons: do they cross themselves, do they touch each other? No JAX.
 
-A curve through exact points is a periodic quintic spline over chord length; a curve through noisy ones is a truncated
+A curve through exact points is a periodic quintic spline over chord length. A curve near noisy points is a truncated
 Fourier series (`outline_fit`).
 """
 
@@ -15,38 +15,38 @@ from shapely import LinearRing, Polygon, affinity
 
 from . import outline_fit
 
-_FINE = 1024  # samples of an outline; as a polygon it is true to 5e-6 of its radius
-_TOUCH = 1e-4  # in units of a: nearer is touching
-_FEWEST = 8  # points that can be called a shape
-_ROUGHEST = 0.02  # noise over the radius, above which the number of modes is not chosen
+_FINE = 1024  # samples of an outline; the polygon differs from the curve by 5e-6 of the radius
+_TOUCH = 1e-4  # two outlines touch if they are closer than this, in units of a
+_FEWEST = 8  # least number of points of an outline
+_ROUGHEST = 0.02  # largest noise, relative to the radius, for which the number of modes is chosen automatically
 
 
 class OutlineNoise(UserWarning):
-    """Points carry noise, and the number of Fourier modes that is kept of them was chosen."""
+    """The points of an outline are noisy, and the number of Fourier modes was chosen automatically."""
 
 
 class Outline(NamedTuple):
-    """Points in counter-clockwise order, (K, 2), and how many of their Fourier modes are kept; None for all of them."""
+    """Points (K, 2) in counter-clockwise order, and the number of Fourier modes to keep; None keeps all of them."""
 
     points: Float[np.ndarray, "K 2"]
     modes: int | None
 
 
 def prepared(points: Float[np.ndarray, "K 2"], modes: int | None = None, lines: Sequence[int] | None = None) -> Outline:
-    """The outline through these points: closed, counter-clockwise, each point once, and smooth where they are noisy.
+    """Checks the points of an outline, orders them counter-clockwise, and removes repeated points.
 
-    Where `modes` is not given it is chosen from the noise of the points, with a warning (OutlineNoise); exact points
-    keep all modes. `lines` are the lines of a file on which the points stand, for complaints.
+    If `modes` is None, the number of modes of noisy points is chosen from their noise, with a warning (OutlineNoise).
+    Exact points keep all modes. `lines` are the line numbers of the points in their file; messages name them.
 
     Raises:
-        ValueError: the points are too few, not finite, coincide, or give a curve that crosses itself. The message says
+        ValueError: the points are too few, are not finite or coincide, or their curve crosses itself. The message says
             what was expected.
     """
     where = [f"line {line}" for line in lines] if lines else [f"point {k}" for k in range(len(points))]
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():
         raise ValueError(f"finite numbers ({where[int(np.argmin(finite))]} has others)")
-    fresh = np.any(points != np.roll(points, -1, axis=0), axis=1)  # a closed or lingering outline repeats points
+    fresh = np.any(points != np.roll(points, -1, axis=0), axis=1)  # a file may repeat a point, such as the first one
     points, where = points[fresh], [name for name, new in zip(where, fresh, strict=True) if new]
     if len(points) < _FEWEST:
         raise ValueError(f"at least {_FEWEST} points, not {len(points)}")
@@ -72,7 +72,7 @@ def prepared(points: Float[np.ndarray, "K 2"], modes: int | None = None, lines: 
 
 
 def _chosen(points: Float[np.ndarray, "K 2"]) -> int | None:
-    """The number of modes that noisy points support, with a warning; None for exact ones."""
+    """Returns the number of modes for noisy points, with a warning, or None for exact points."""
     noise = outline_fit.noise_of(points)
     if noise is None:
         return None
@@ -105,7 +105,7 @@ def _check_points(points: Float[np.ndarray, "K 2"], where: list[str]) -> None:
 
 
 class Crossing(NamedTuple):
-    """Two edges of a polygon that cross, each named by its first point, and where they do."""
+    """Two edges of a polygon that cross, each given by its first point, and the place where they cross."""
 
     first: int
     second: int
@@ -113,14 +113,14 @@ class Crossing(NamedTuple):
 
 
 def crossing(points: Float[np.ndarray, "K 2"]) -> Crossing | None:
-    """The first crossing of a closed polygon with itself; None for a simple one."""
+    """Returns the first crossing of a closed polygon with itself, or None for a simple polygon."""
     if LinearRing(points).is_simple:
         return None
     K = len(points)
     edges = shapely.linestrings(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
     pairs = shapely.STRtree(edges).query(edges, predicate="intersects").T
     apart = [(int(i), int(j)) for i, j in pairs if 1 < j - i < K - 1]
-    if not apart:  # neighbouring edges that lie upon each other
+    if not apart:  # neighbouring edges overlap
         return Crossing(0, 1, (float(points[1, 0]), float(points[1, 1])))
     i, j = min(apart)
     place = shapely.centroid(shapely.intersection(edges[i], edges[j]))
@@ -128,7 +128,7 @@ def crossing(points: Float[np.ndarray, "K 2"]) -> Crossing | None:
 
 
 def smooth(points: Float[np.ndarray, "K 2"], modes: int | None = None) -> Float[np.ndarray, "1024 2"]:
-    """Samples of the smooth closed curve through the points, or near them with this many Fourier modes."""
+    """Returns samples of the smooth closed curve through the points, or of the best one with this many modes."""
     if modes is not None:
         return outline_fit.fitted(points, modes, _FINE).samples
     from scipy.interpolate import make_interp_spline
@@ -140,12 +140,12 @@ def smooth(points: Float[np.ndarray, "K 2"], modes: int | None = None) -> Float[
 
 
 def circle_polygon() -> Polygon:
-    """Of radius 1."""
+    """Returns a circle of radius 1."""
     return _ellipse(1.0)
 
 
 def ellipse_polygon(reduced_area: float) -> Polygon:
-    """Major axis along x; of any size."""
+    """Returns an ellipse of this reduced area with its major axis along x. Its size is not specified."""
     from scipy.optimize import brentq
     from scipy.special import ellipe
 
@@ -162,7 +162,7 @@ def _ellipse(ratio: float) -> Polygon:
 
 
 def placed(polygon: Polygon, length: float, angle: float, center: tuple[float, float]) -> Polygon:
-    """Perimeter 2π·`length`, turned by `angle` degrees, centroid at `center`."""
+    """Returns the polygon with perimeter 2π·`length`, rotated by `angle` degrees, with its centroid at `center`."""
     factor = 2 * np.pi * length / polygon.length
     polygon = affinity.scale(polygon, factor, factor, origin="centroid")
     polygon = affinity.rotate(polygon, angle, origin="centroid")
@@ -170,7 +170,7 @@ def placed(polygon: Polygon, length: float, angle: float, center: tuple[float, f
 
 
 def first_touching(polygons: list[Polygon]) -> tuple[int, int] | None:
-    """The first two that overlap, contain one another or touch, if any do."""
+    """Returns the indices of the first two polygons that overlap, contain one another or touch, or None."""
     tree = shapely.STRtree(polygons)
     pairs = tree.query(polygons, predicate="dwithin", distance=_TOUCH).T
     touching = sorted((int(i), int(j)) for i, j in pairs if i < j)

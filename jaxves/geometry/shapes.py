@@ -1,7 +1,7 @@
 r"""Starting shapes: closed curves with nodes equispaced in arc length.
 
-Shapes have perimeter 2π·`length`, so length 1 is the paper's unit a = L/2π. The dependence of an
-ellipse on its reduced area Δ is smooth for Δ < 1; at Δ = 1, ∂x/∂Δ is infinite like 1/√(1-Δ).
+The perimeter of a shape is 2π·`length`, so length 1 is the paper's unit a = L/2π. An ellipse depends smoothly on its
+reduced area Δ for Δ < 1. As Δ → 1, ∂x/∂Δ diverges like 1/√(1-Δ).
 """
 
 import functools
@@ -20,14 +20,14 @@ from ..numerics import fourier
 from ..numerics.arrays import NodePoints, Scalar, ScalarLike, as_float
 from . import curve, outlines
 
-_FINE = 512  # samples of an ellipse before its nodes are chosen: 12 digits down to Δ = 0.2
+_FINE = 512  # samples of an ellipse from which its nodes are interpolated: 12 digits down to Δ = 0.2
 
 
 def circle(N: int, *, length: ScalarLike = 1.0) -> NodePoints:
-    """Radius `length`, first node on the x axis, counter-clockwise.
+    """Returns N nodes (N, 2) on a circle of radius `length`, counter-clockwise, the first on the x axis.
 
     Raises:
-        ValueError: N is no even number of nodes, or `length` is known not to be positive.
+        ValueError: N is not an even number of at least 4, or a known `length` is not positive.
     """
     require_nodes("N", N)
     require("length", length, POSITIVE)
@@ -40,10 +40,10 @@ _EXCESS = Bounds("a number in [-0.89, 0.89]", ge=-0.89, le=0.89)
 
 
 def _root(residual: Callable[[Scalar], Scalar], solver: optx.AbstractRootFinder, guess: Scalar, **how) -> Scalar:
-    """Where the residual vanishes; differentiates implicitly in what it closes over.
+    """Returns the root of `residual`, which is differentiated implicitly.
 
-    The derivative is JAX's: Optimistix's own checks its linear solve by a callback, and programs with callbacks are
-    never kept in the cache of compiled ones.
+    The derivative rule is that of JAX. The rule of Optimistix checks its linear solve with a callback, and JAX does not
+    keep programs with callbacks in its compilation cache.
     """
 
     def solve(residual, guess):
@@ -58,17 +58,17 @@ def _unit_ellipse(ratio: Scalar, N: int) -> NodePoints:
 
 
 def _aspect_ratio(reduced_area: Scalar) -> Scalar:
-    """b/a of the ellipse with 4πA/L² = `reduced_area`, NaN where there is none; differentiates implicitly."""
+    """Returns b/a of the ellipse with 4πA/L² = `reduced_area`, or NaN if there is none; differentiated implicitly."""
     alpha = fourier.grid(_FINE)
 
     def area(ratio):
         length = 2 * jnp.pi * jnp.mean(jnp.sqrt(jnp.sin(alpha) ** 2 + (ratio * jnp.cos(alpha)) ** 2))
         return 4 * jnp.pi**2 * ratio / length**2
 
-    # Told that the residual rises: to find out takes a callback (see `_root`).
+    # `flip=False` states that the residual increases. Otherwise Optimistix finds out with a callback (see `_root`).
     solver = optx.Bisection(rtol=1e-15, atol=1e-15, flip=False)
     at_circle = reduced_area >= 1.0
-    # The bracket of a bisection must change sign; a circle is its end point and needs no search.
+    # A bisection needs a change of sign in its bracket. A circle is an end point of the bracket, so it is not searched.
     target = jnp.where(at_circle, 0.5, reduced_area)
     bracket = dict(lower=_FLATTEST, upper=1.0)
     ratio = _root(lambda ratio: area(ratio) - target, solver, as_float(0.5), max_steps=64, options=bracket)
@@ -83,13 +83,13 @@ def ellipse(
     angle: ScalarLike = 0.0,
     length: ScalarLike = 1.0,
 ) -> NodePoints:
-    """Ellipse of given reduced area Δ in (0, 1] and perimeter, major axis at `angle` radians from x.
+    """Returns N nodes (N, 2) on an ellipse with reduced area Δ in (0, 1] and perimeter 2π·`length`.
 
-    Differentiable in all three numbers (in Δ for Δ < 1). Where Δ is traced and below 0.0026, whose sides would touch,
-    nodes are NaN.
+    The major axis is at `angle` radians from the x axis. The nodes are differentiable in all three numbers, in Δ for
+    Δ < 1. Below Δ = 0.0026 the two sides would touch; for a traced Δ below this value the nodes are NaN.
 
     Raises:
-        ValueError: N is no even number of nodes, or a known number is out of its bounds.
+        ValueError: N is not an even number of at least 4, or a known number is out of its bounds.
     """
     require("reduced_area", reduced_area, REDUCED_AREA)
     _check_ellipse(N, angle, length)
@@ -116,10 +116,10 @@ _PERIMETER = np.cumprod((1.5 - np.arange(1, 80)) / np.arange(1, 80)) ** 2  # bin
 
 
 def _flattening(excess: Scalar) -> Scalar:
-    """n = (a - b)/(a + b) of the ellipse with Δ = 1 - excess²; smooth and odd.
+    """Returns n = (a - b)/(a + b) of the ellipse with Δ = 1 - excess², a smooth and odd function of `excess`.
 
-    Its perimeter is π(a + b) F(n²) with F(m) = Σ binomial(1/2, k)² m^k, so that Δ = (1 - m)/F² and, with
-    F = 1 + m P, excess = n √(1 + P (F + 1)) / F: the square root of nothing that vanishes.
+    The perimeter is π(a + b) F(n²) with F(m) = Σ binomial(1/2, k)² m^k. Hence Δ = (1 - m)/F² with m = n². With
+    F = 1 + m P this gives excess = n √(1 + P (F + 1)) / F, in which the square root never vanishes.
     """
 
     def residual(n):
@@ -132,12 +132,14 @@ def _flattening(excess: Scalar) -> Scalar:
 
 
 def ellipse_of_excess(N: int, excess: ScalarLike, *, angle: ScalarLike = 0.0, length: ScalarLike = 1.0) -> NodePoints:
-    """The ellipse of reduced area Δ = 1 - excess²: smooth through the circle, at excess 0, where ∂x/∂Δ is infinite.
+    """Returns N nodes (N, 2) on an ellipse with reduced area Δ = 1 - excess².
 
-    |excess| < 0.89 (Δ > 0.2). Nodes agree with those of `ellipse`; a negative excess is long across `angle`.
+    The nodes are a smooth function of the excess also at the circle, excess = 0, where ∂x/∂Δ is infinite. They agree
+    with those of `ellipse`. With a negative excess the major axis is perpendicular to `angle`. |excess| is at most
+    0.89, which is Δ > 0.2.
 
     Raises:
-        ValueError: N is no even number of nodes, or a known number is out of its bounds.
+        ValueError: N is not an even number of at least 4, or a known number is out of its bounds.
     """
     require("excess", excess, _EXCESS)
     _check_ellipse(N, angle, length)
@@ -152,15 +154,14 @@ def _ellipse_of_excess(N: int, excess: ScalarLike, angle: ScalarLike, length: Sc
 
 
 def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
-    """x moved along its normal by amplitude · (sin 2α + cos 3α + sin 3α): enough to end any symmetry of an ellipse.
+    """Returns the nodes x moved along their normal by amplitude · (sin 2α + cos 3α + sin 3α).
 
-    Nodes also move along the curve, so that their spacing stays even to the square of the amplitude.
-
-    A vesicle that starts symmetric is kept so (`symmetry`): take 1e-6, say, to see what else is unstable. Area and
-    perimeter change by the square of the amplitude.
+    This breaks every symmetry of an ellipse. A vesicle that starts symmetric stays symmetric (`equation/symmetry.py`);
+    an amplitude such as 1e-6 shows whether its motion is unstable. The nodes also move along the curve, so that their
+    spacing stays even up to terms of the order of the amplitude squared. Area and perimeter change in the same order.
 
     Raises:
-        ValueError: x does not have the shape (N, 2), or `amplitude` is known not to be finite.
+        ValueError: x does not have the shape (N, 2), or a known `amplitude` is not finite.
     """
     if np.ndim(x) != 2 or np.shape(x)[1] != 2:
         raise ValueError(f"x must have shape (N, 2), but has {np.shape(x)}.")
@@ -168,22 +169,23 @@ def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
     alpha = fourier.grid(x.shape[0])
     wave = jnp.sin(2 * alpha) + jnp.cos(3 * alpha) + jnp.sin(3 * alpha)
     outline = curve.Curve.from_nodes(x)
-    # Along the normal the curve is stretched by κ times the wave: the nodes make up for it along the tangent.
+    # The normal motion stretches the curve by κ times the wave. The tangential motion compensates for that.
     stretch = outline.curvature * outline.speed * wave
     along = -fourier.antiderivative(stretch)
     return x + as_float(amplitude) * (wave[:, None] * outline.normal + along[:, None] * outline.tangent)
 
 
 def through_points(points: ArrayLike, N: int, *, length: float = 1.0, modes: int | None = None) -> NodePoints:
-    """A smooth closed curve through points in order, as nodes; clockwise points are turned round.
+    """Returns N nodes (N, 2) on a smooth closed curve through `points` (K, 2), which are given in order.
 
-    A periodic quintic spline over chord length, resampled; or, near noisy points, the curve with `modes` Fourier modes.
-    Without `modes` their number is chosen from the noise of the points, with a warning (`outlines.OutlineNoise`).
-    Not differentiable in the points: take derivatives with respect to the nodes it returns.
+    Clockwise points are reversed. Exact points are joined by a periodic quintic spline over chord length. Noisy points
+    are replaced by the best curve with `modes` Fourier modes. Without `modes` their number is chosen from the noise of
+    the points, with a warning (`outlines.OutlineNoise`). The curve is not differentiable in the points; take
+    derivatives with respect to the returned nodes.
 
     Raises:
-        ValueError: points of another shape than (K, 2), too few, not finite, coinciding, or of a curve that crosses
-            itself; a known number out of its bounds.
+        ValueError: the points do not have the shape (K, 2), are too few, are not finite or coincide, or their curve
+            crosses itself; or a known number is out of its bounds.
     """
     require_nodes("N", N)
     require("length", length, POSITIVE)
@@ -203,16 +205,16 @@ def through_points(points: ArrayLike, N: int, *, length: float = 1.0, modes: int
 
 
 def equispaced(x: Float[Array, "K 2"], N: int) -> NodePoints:
-    """N nodes equispaced in arc length on the trigonometric interpolant of `x`, from its first node on."""
+    """Returns N nodes equispaced in arc length on the trigonometric interpolant of `x`, starting at its first node."""
     return fourier.evaluate(x, equispaced_parameters(x, N))
 
 
 def equispaced_parameters(x: Float[Array, "K 2"], N: int) -> Float[Array, "N"]:
-    """The parameters of the nodes that `equispaced` returns."""
+    """Returns the parameters α of the nodes that `equispaced` returns."""
     K = x.shape[0]
     speed = curve.Curve.from_nodes(x).speed
     total = jnp.mean(speed)
-    # s(α) = mean(speed) α + a periodic part, integrated mode by mode
+    # s(α) = mean(speed) α + a periodic part, which is integrated mode by mode
     periodic = fourier.antiderivative(speed)
     periodic = periodic - periodic[0]
     wanted = total * fourier.grid(N)
@@ -230,11 +232,11 @@ def equispaced_parameters(x: Float[Array, "K 2"], N: int) -> Float[Array, "N"]:
 
 
 def scaled(x: NodePoints, length: ScalarLike) -> NodePoints:
-    """About the origin, to perimeter 2π·`length`."""
+    """Returns x scaled about the origin to the perimeter 2π·`length`."""
     return x * (2 * jnp.pi * as_float(length) / curve.length(curve.Curve.from_nodes(x)))
 
 
 def rotated(x: NodePoints, angle: ScalarLike) -> NodePoints:
-    """About the origin, counter-clockwise, radians."""
+    """Returns x rotated about the origin by `angle` radians, counter-clockwise."""
     c, s = jnp.cos(as_float(angle)), jnp.sin(as_float(angle))
     return x @ jnp.stack([jnp.stack([c, s]), jnp.stack([-s, c])])

@@ -1,8 +1,9 @@
-"""Can a simulation start from these curves? Each counter-clockwise, with even nodes, and clear of itself and others.
+"""Checks of starting curves: orientation, node spacing, and contact of a curve with itself or with others.
 
-Nodes are even when they are equispaced in arc length as far as they resolve their curve: the slow part of the node
-spacing, modes up to N/4, must then be small beside the fast part, which is what few nodes miss of a smooth curve.
-Uneven nodes would do harm: the equation keeps the spacing even, and would move the curve itself to make it so.
+The nodes of a starting curve must be counter-clockwise and equispaced in arc length ("even"). Few nodes do not resolve
+a curve exactly, so the computed spacing varies even then, in its high modes. The test therefore compares the modes up
+to N/4 of the spacing with the higher ones. Uneven nodes are refused because the equation keeps the spacing even: it
+would deform the curve to reach that.
 """
 
 import numpy as np
@@ -13,10 +14,10 @@ from ..base.arguments import refusal
 from ..numerics import fourier
 from . import outlines
 
-_EVEN = 1e-5  # relative deviation of the spacing that counts as none
-_GROSS = 1e-2  # and that ends a run whose start is traced, where nobody can put it right
-_SLOW = 0.5  # its slow part over its fast part, at most; 0.40 is the largest of ellipses with 16 to 256 nodes
-_FINE = 8  # points for each node, in checks of contact
+_EVEN = 1e-5  # relative deviation of the spacing that is allowed
+_GROSS = 1e-2  # the same for traced curves, whose nodes cannot be moved before the run
+_SLOW = 0.5  # largest ratio of low to high modes of the spacing; ellipses with 16 to 256 nodes reach 0.40
+_FINE = 8  # points per node in checks of contact
 
 
 def _derivative(x: Float[Array | np.ndarray, "M N 2"]) -> Float[Array | np.ndarray, "M N 2"]:
@@ -25,13 +26,13 @@ def _derivative(x: Float[Array | np.ndarray, "M N 2"]) -> Float[Array | np.ndarr
 
 
 def is_clockwise(x: Float[Array | np.ndarray, "M N 2"]) -> Bool[Array | np.ndarray, "M"]:
-    """Which curves enclose a negative area, or none; for NumPy and traced arrays."""
+    """Returns which curves enclose an area that is negative or zero. NumPy and traced arrays are allowed."""
     d = _derivative(x)
     return ~((x[..., 0] * d[..., 1] - x[..., 1] * d[..., 0]).sum(axis=1) > 0)
 
 
 def is_uneven(x: Float[Array | np.ndarray, "M N 2"], most: float = _EVEN) -> Bool[Array | np.ndarray, "M"]:
-    """Which curves have nodes whose spacing deviates by more than `most`; for NumPy and traced arrays."""
+    """Returns which curves have a spacing that deviates by more than `most`. NumPy and traced arrays are allowed."""
     N = x.shape[1]
     speed = (_derivative(x) ** 2).sum(axis=-1) ** 0.5
     deviation = speed / speed.mean(axis=1)[:, None] - 1
@@ -41,12 +42,17 @@ def is_uneven(x: Float[Array | np.ndarray, "M N 2"], most: float = _EVEN) -> Boo
 
 
 def are_startable(x: Float[Array, "M N 2"]) -> Bool[Array, ""]:
-    """Whether all curves are counter-clockwise and even, but for less than what would do harm; may be traced."""
+    """Returns whether all curves are counter-clockwise and even enough to start from; may be traced."""
     return ~(is_clockwise(x).any() | is_uneven(x, _GROSS).any())
 
 
 def check_curves(argument: str, x: Float[np.ndarray, "M N 2"]) -> None:
-    """Raises ValueError when a curve has nodes that are not finite, coincide, or crosses itself, or two curves meet."""
+    """Checks known curves; `argument` is the name used in messages.
+
+    Raises:
+        ValueError: a node is not finite, two neighbouring nodes coincide, a curve crosses itself, or two curves overlap
+            or touch.
+    """
     finer = []
     for m, nodes in enumerate(x):
         name = f"{argument}[{m}]" if len(x) > 1 else argument

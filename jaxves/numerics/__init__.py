@@ -1,8 +1,8 @@
-"""Mathematics that knows nothing of vesicles.
+"""Numerical methods that do not depend on vesicles.
 
-arrays      names of array shapes, double precision
-fourier     derivatives, integrals, resampling and filters of periodic functions at equispaced points
-krylov      GMRES with a guaranteed end
-linear      solvers of linear systems: dense factors, elimination by blocks, GMRES
-batching    decisions that the lanes of a batch take together
+arrays      names for array shapes, double precision
+fourier     derivatives, integrals, resampling and filters of periodic functions on equispaced points
+krylov      GMRES that stops when it no longer converges, and Chebyshev iteration
+linear      solvers for linear systems: LU, Cholesky, elimination, GMRES
+batching    one common branch for all elements of a batch
 """

@@ -1,8 +1,8 @@
-"""Names for array shapes, and the one precision the method works in.
+"""Names for array shapes, and double precision.
 
 Axis names: `M` vesicles, `N` nodes on one vesicle, `P` target points, `T` saved times.
-A lone `Scalar` is a traced zero-dimensional array; Python numbers become one at the door
-(`as_float`), so that every number with a meaning can be differentiated and batched.
+A `Scalar` is an array without axes. Constructors convert Python numbers to such arrays with `as_float`, so that every
+physical number can be differentiated and batched.
 """
 
 import jax
@@ -24,23 +24,23 @@ ComplexNodes = Complex[Array, "N"]
 
 
 def as_float(value) -> Float[Array, "..."]:
-    """A double-precision array; leaves tracers and their shapes alone."""
+    """Returns `value` as an array in double precision; traced values stay traced."""
     return jnp.asarray(value, dtype=float)
 
 
 def staged(constant: np.ndarray) -> Array:
-    """The constant, as if it were computed: what makes things again for a derivative makes it again as well.
+    """Wraps a constant in `jit`, so that `jax.checkpoint` recomputes it instead of storing it.
 
-    As a constant it would be kept beside what is made again, once for every branch of a `lax.switch`, where those
-    that are not taken fill it with zeros.
+    A plain constant would be stored for the backward pass, one copy for each branch of a `lax.switch`.
     """
     return jax.jit(lambda: jnp.asarray(constant))()
 
 
 def require_x64() -> None:
-    """Raises RuntimeError when JAX would compute in single precision.
+    """Raises RuntimeError if JAX computes in single precision.
 
-    The implicit step inverts operators whose condition number reaches 1e7: seven digits leave nothing.
+    The implicit step inverts operators with condition numbers up to 1e7. Single precision has seven digits, so no
+    correct digit would be left.
     """
     if not jax.config.jax_enable_x64:
         raise RuntimeError(

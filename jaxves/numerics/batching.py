@@ -1,7 +1,7 @@
 """Branches that stay branches under `jax.vmap`.
 
-A `lax.cond` whose predicate is batched becomes a choice between both sides, and both are paid for. Where the dear
-side is right for everybody, the lanes of a batch can decide together instead: it is taken when any lane needs it.
+If the predicate of a `lax.cond` is batched, JAX computes both branches for every batch element. If the expensive branch
+is valid for every batch element, this can be avoided: take it for all as soon as one element needs it.
 """
 
 import jax
@@ -20,5 +20,5 @@ def _(size, is_batched, value):
 
 
 def greatest(value: Int[Array, ""]) -> Int[Array, ""]:
-    """The value itself; under `vmap` the greatest of all lanes, one for all. Carries no derivative."""
+    """Returns `value`; under `vmap` the largest value of all batch elements, not batched. It has no derivative."""
     return _greatest(jax.lax.stop_gradient(value))

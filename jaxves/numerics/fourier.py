@@ -2,12 +2,12 @@ r"""Trigonometric interpolation on the periodic grid α_j = 2πj/N, N even.
 
     f(α) = Σ_k f̂_k e^{ikα},   |k| ≤ N/2
 
-Derivatives drop the Nyquist mode k = N/2, which no odd derivative can see; what must not live in it
-is filtered (`low_pass`). All functions act on the node axis `axis`.
+Odd derivatives of the Nyquist mode k = N/2 vanish at the nodes, so `derivative` drops this mode. `low_pass` removes it
+from functions that must not contain it. All functions act on the node axis `axis`.
 
-Everything is a product with a constant matrix rather than a fast transform: at the sizes of one membrane that is
-as fast on a CPU, and XLA's CPU transform can lock up its own thread pool when it runs inside a compiled loop.
-Only grids of more than `_DENSE` nodes, on which no loop runs, are transformed.
+Every operation is a product with a constant matrix, not a fast Fourier transform. For the number of nodes of one
+membrane this is as fast on a CPU. In addition, XLA's transform on CPUs can deadlock inside compiled loops. Only grids
+with more than `_DENSE` nodes use the fast transform; no compiled loop uses such grids.
 
 [T] L. N. Trefethen, Spectral Methods in MATLAB, ch. 3.
 """
@@ -26,17 +26,17 @@ _CONSTANT = 256
 
 
 def grid(N: int) -> Float[Array, "N"]:
-    """The parameter values α_j = 2πj/N."""
+    """Returns the parameter values α_j = 2πj/N."""
     return 2 * np.pi * jnp.arange(N) / N
 
 
 def wavenumbers(N: int) -> np.ndarray:
-    """k = 0 … N/2, one per entry of a real transform."""
+    """Returns k = 0 … N/2, one for each entry of a real Fourier transform."""
     return np.arange(N // 2 + 1)
 
 
 def _along(matrix: np.ndarray, f: Float[Array, "..."], axis: int) -> Float[Array, "..."]:
-    """The matrix applied along one axis."""
+    """Applies `matrix` along one axis of f."""
     return jnp.moveaxis(jnp.moveaxis(f, axis, -1) @ staged(matrix.T), -1, axis)
 
 
@@ -58,10 +58,10 @@ def circulant(symbol: np.ndarray, N: int) -> np.ndarray:
 
 
 def spread(column: np.ndarray) -> Float[Array, "N N"]:
-    """The circulant matrix with this first column.
+    """Returns the circulant matrix with this first column.
 
-    A large one is made where it is needed: as a constant it would take its space in a compiled program at every place
-    that names it, gigabytes in all.
+    A large matrix is built inside the compiled program. As a constant, every use would store a copy of it in the
+    program, in total gigabytes.
     """
     N = column.shape[0]
     if N > _CONSTANT:
@@ -72,14 +72,14 @@ def spread(column: np.ndarray) -> Float[Array, "N N"]:
 
 
 def derivative_symbol(N: int) -> np.ndarray:
-    """ik, zero at Nyquist."""
+    """Returns ik, with zero for the Nyquist mode."""
     symbol = 1j * wavenumbers(N)
     symbol[-1] = 0
     return symbol
 
 
 def derivative(f: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
-    """df/dα at the nodes."""
+    """Returns df/dα at the nodes."""
     return multiply(f, derivative_symbol(f.shape[axis]), axis)
 
 
@@ -89,14 +89,14 @@ def derivative_matrix(N: int) -> np.ndarray:
 
 
 def antiderivative(f: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
-    """∫ (f - mean) dα with mean zero."""
+    """Returns ∫ (f - mean of f) dα, with the constant for which its own mean is zero."""
     N = f.shape[axis]
     k = wavenumbers(N)
     return multiply(f, np.where((k > 0) & (k < N // 2), -1j / np.maximum(k, 1), 0), axis)
 
 
 def low_pass_symbol(N: int, cut: int) -> np.ndarray:
-    """One for |k| ≤ N/2 - cut, zero above: cut = 1 removes Nyquist alone."""
+    """Returns 1 for |k| ≤ N/2 - cut and 0 above. With cut = 1 only the Nyquist mode is removed."""
     return (wavenumbers(N) <= N // 2 - cut).astype(float)
 
 
@@ -111,7 +111,7 @@ def low_pass_matrix(N: int, cut: int) -> np.ndarray:
 
 
 def high_modes(N: int, cut: int) -> np.ndarray:
-    """Orthonormal basis (N, 2·cut - 1) of the modes that `low_pass` removes."""
+    """Returns an orthonormal basis (N, 2·cut - 1) of the modes that `low_pass` removes."""
     j, k = np.arange(N), np.arange(N // 2 - cut + 1, N // 2)
     phase = 2 * np.pi * np.outer(j, k) / N
     pairs = np.concatenate([np.cos(phase), np.sin(phase)], axis=1) * np.sqrt(2 / N)
@@ -119,7 +119,7 @@ def high_modes(N: int, cut: int) -> np.ndarray:
 
 
 def low_pass_rows(matrix: Float[Array, "N k"], cut: int) -> Float[Array, "N k"]:
-    """`low_pass` along the first axis of a wide matrix, as a low-rank update."""
+    """Applies `low_pass` along the first axis of a wide matrix, as a low-rank update."""
     modes = high_modes(matrix.shape[0], cut)
     return matrix - modes @ (modes.T @ matrix)
 
@@ -129,20 +129,20 @@ def resampling_matrix(N: int, K: int) -> np.ndarray:
     """The matrix (K, N) of `resample`."""
     spectrum = np.fft.rfft(np.eye(N), axis=0)
     if K < N:
-        spectrum = spectrum[: K // 2]  # what would alias, and the Nyquist mode of the coarser grid
+        spectrum = spectrum[: K // 2]  # drops modes that would alias, and the Nyquist mode of the coarser grid
     elif K > N:
-        spectrum[-1] *= 0.5  # a mode of its own on the finer grid, shared between ±N/2
+        spectrum[-1] *= 0.5  # on the finer grid the Nyquist mode is shared between k = ±N/2
     return np.fft.irfft(spectrum, K, axis=0) * (K / N)
 
 
 def resample(f: Float[Array, "..."], K: int, axis: int = -1) -> Float[Array, "..."]:
-    """The trigonometric interpolant of f on a grid of K nodes; on a finer one its values at the old nodes stay."""
+    """Returns the trigonometric interpolant of f on K nodes. If K is a multiple of N, values at the old nodes stay."""
     N = f.shape[axis]
     return f if K == N else _along(resampling_matrix(N, K), f, axis)
 
 
 def coefficients(f: Float[Array, "N *rest"]) -> tuple[Float[Array, "k *rest"], Float[Array, "k *rest"]]:
-    """Cosine and sine coefficients a_k, b_k, k = 0 … N/2, of f = Σ a_k cos kα + b_k sin kα; node axis first."""
+    """Returns a_k and b_k, k = 0 … N/2, of f = Σ a_k cos kα + b_k sin kα; the node axis of f is the first."""
     N = f.shape[0]
     transform = np.fft.rfft(np.eye(N), axis=0)
     k = wavenumbers(N)
@@ -151,25 +151,25 @@ def coefficients(f: Float[Array, "N *rest"]) -> tuple[Float[Array, "k *rest"], F
 
 
 def series(modes: tuple[Float[Array, "k *rest"], Float[Array, "k *rest"]], alpha: Float[Array, "P"]):
-    """Σ a_k cos kα + b_k sin kα at the parameters `alpha`, (P, *rest), from `coefficients`."""
+    """Returns Σ a_k cos kα + b_k sin kα at the parameters `alpha`, (P, *rest); `modes` comes from `coefficients`."""
     phase = alpha[:, None] * np.arange(modes[0].shape[0])
     return jnp.tensordot(jnp.cos(phase), modes[0], 1) + jnp.tensordot(jnp.sin(phase), modes[1], 1)
 
 
 def evaluate(f: Float[Array, "N *rest"], alpha: Float[Array, "P"]) -> Float[Array, "P *rest"]:
-    """The trigonometric interpolant of f at the parameters `alpha`; node axis first."""
+    """Returns the trigonometric interpolant of f at the parameters `alpha`; the node axis is the first."""
     return series(coefficients(f), alpha)
 
 
 def spectral_tail(f: Float[Array, "N *rest"], cut: int) -> Scalar:
-    """How much is left at the top of the spectrum: round-off for a resolved f, near 1 for an unresolved one.
+    """Returns the relative amplitude of the highest modes: round-off if f is resolved, near 1 if it is not.
 
-    The largest amplitude among the top eighth of the modes that survive `low_pass(f, cut)`, over the
-    largest of all modes but the mean; node axis first.
+    It is the largest amplitude in the highest eighth of the modes that `low_pass(f, cut)` keeps, divided by the
+    largest amplitude of all modes except the mean. The node axis is the first.
     """
     cosine, sine = coefficients(f)
     size = jnp.max(jnp.abs(cosine) + jnp.abs(sine), axis=tuple(range(1, f.ndim)))
     last = f.shape[0] // 2 - cut
-    # at least two: a symmetric curve has no modes of one parity
+    # At least two modes: in a symmetric curve, the even or the odd modes vanish.
     high = jnp.max(size[last - max(last // 8, 2) + 1 : last + 1])
     return high / jnp.maximum(jnp.max(size[1:]), jnp.finfo(size.dtype).tiny)

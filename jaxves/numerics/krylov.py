@@ -1,12 +1,13 @@
-r"""GMRES in the form that keeps the residual at hand (GCR [E]), restarted, preconditioned from the right.
+r"""Restarted GMRES with right preconditioning, in the form that updates the residual in every step (GCR [E]).
 
     p = M r,  q = A p,  both orthogonalised so that the q are orthonormal;   α = q·r,  x += α p,  r -= α q
 
-Iterates are those of GMRES on A M as long as no α vanishes, which it cannot where the symmetric part of A M is
-definite. Every step's residual is known, so that a solve ends where the tolerance is met and its count is true. Each
-cycle ends with b - A x formed anew: what comes back is the true residual, NaN if anything was.
+The iterates are those of GMRES for A M as long as no α vanishes. No α vanishes if the symmetric part of A M is
+definite. The residual is known in every step, so the iteration stops as soon as the tolerance is met. Each cycle ends
+by computing b - A x again. The returned residual is therefore the true one, and it is NaN if anything was NaN.
 
-A fixed number of Chebyshev steps, being linear and so transposable, makes a preconditioner of a rough operator.
+`chebyshev` applies a fixed number of Chebyshev steps [G]. It turns an approximate operator into a preconditioner. It is
+linear, so JAX can transpose it.
 
 [E] S. C. Eisenstat, H. C. Elman, M. H. Schultz, Variational iterative methods for nonsymmetric systems of linear
     equations, SIAM J. Numer. Anal. 20 (1983) 345-357.
@@ -23,12 +24,12 @@ from .arrays import Scalar
 
 Vector = Float[Array, "n"]
 _STEPS = 5
-_SPREAD = 0.75  # of the eigenvalues about 1 that the steps damp, all alike; beyond, they grow slowly
-_PROGRESS = 0.5  # what a cycle must gain, or the next would gain nothing either
+_SPREAD = 0.75  # eigenvalues within this distance of 1 are damped equally; others are damped less, or grow slowly
+_PROGRESS = 0.5  # a cycle must reduce the residual by this factor; otherwise further cycles would not help
 
 
 def relative_residual(r: Vector, b: Vector) -> Scalar:
-    """|r|/|b| in the largest entries; 0 for b = r = 0."""
+    """Returns |r|/|b| in the maximum norm, 0 for b = r = 0."""
     size = jnp.max(jnp.abs(b))
     return jnp.max(jnp.abs(r)) / jnp.where(size > 0, size, 1.0)
 
@@ -42,13 +43,13 @@ def gmres(
     restart: int,
     max_cycles: int,
 ) -> tuple[Vector, Scalar, Int[Array, ""]]:
-    """x with A x = b from x = 0, its true relative residual, and how many directions were tried."""
+    """Solves A x = b from x = 0; returns x, its true relative residual and the number of iterations."""
 
     def direction(carry):
         k, x, r, P, Q = carry
         p = precondition(r)
         q = mv(p)
-        for _ in range(2):  # once leaves round-off times the condition number
+        for _ in range(2):  # after one pass an error of round-off times the condition number remains
             shared = Q @ q
             p, q = p - shared @ P, q - shared @ Q
         size = jnp.sqrt(jnp.sum(q**2))
@@ -71,14 +72,17 @@ def gmres(
         _, _, residual, last, cycles, _ = carry
         return (residual > tol) & (cycles < max_cycles) & (residual < _PROGRESS * last)
 
-    # A NaN in b or A ends the loop and shows in the residual.
+    # A NaN in b or A ends the loop and appears in the residual.
     start = jnp.zeros_like(b), b, relative_residual(b, b), jnp.asarray(jnp.inf), jnp.int32(0), jnp.int32(0)
     x, _, residual, _, _, count = lax.while_loop(unconverged, cycle, start)
     return x, residual, count
 
 
 def chebyshev(sweep: Callable[[Array], Array], x: Array) -> Array:
-    """Nears the fixed point of the affine `sweep` [G], from x = sweep(0); linear in what `sweep` is affine with."""
+    """Approaches the fixed point of the affine map `sweep` [G] from x = sweep(0).
+
+    The result is linear in the inhomogeneous part of `sweep`.
+    """
     last, omega = jnp.zeros_like(x), 2.0
     for _ in range(_STEPS - 1):
         omega = 1 / (1 - 0.25 * _SPREAD**2 * omega)

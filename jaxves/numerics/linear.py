@@ -1,11 +1,11 @@
-r"""Linear solves behind one interface: an operator goes in, something that solves with it comes out.
+r"""One interface for direct and iterative linear solvers.
 
     factored = solver.factor(operator)      once
-    solution = factored.solve(b)            often
+    solution = factored.solve(b)            for each right-hand side
 
-`Solution` carries the TRUE relative residual |b - A x|/|b| and the iteration count, so that nothing
-unconverged or NaN passes for an answer. Derivatives are implicit (one more solve, with the transpose);
-they never unroll or differentiate a factorisation.
+`Solution` has the true relative residual |b - A x|/|b| and the number of iterations, so that a solution that has not
+converged, or is NaN, can be recognised. Derivatives are implicit: they take one more solve with A or its transpose, and
+do not differentiate a factorisation or an iteration.
 """
 
 import abc
@@ -25,22 +25,22 @@ Vector = Float[Array, "n"]
 
 
 class Solution(eqx.Module):
-    """x of A x = b, |b - A x| / |b| (0 for b = 0), and how many iterations it took (0: direct)."""
+    """The solution x of A x = b, the residual |b - A x| / |b| (0 for b = 0), and the iterations (0: direct)."""
 
     value: Float[Array, "*rest"]
     residual: Scalar
     iterations: Int[Array, ""]
 
     def reshaped(self, *shape: int) -> "Solution":
-        """The same with x of this shape."""
+        """Returns the same solution with x reshaped."""
         return Solution(self.value.reshape(shape), self.residual, self.iterations)
 
 
 class LinearOperator(eqx.Module):
-    """A square matrix, given densely, by its action, or both; at least one.
+    """A square matrix A, given as a dense `matrix`, by its `action` v ↦ A v, or both.
 
-    `precondition` is an approximate inverse, used by iterative solvers; `positive_definite` promises a
-    symmetric positive definite matrix, which dense solvers factor at half the cost.
+    `precondition` is an approximate inverse for iterative solvers. `positive_definite` states that the matrix is
+    symmetric positive definite, which halves the cost of a dense factorisation.
     """
 
     matrix: Float[Array, "n n"] | None = None
@@ -49,39 +49,39 @@ class LinearOperator(eqx.Module):
     positive_definite: bool = eqx.field(static=True, default=False)
 
     def mv(self, v: Vector) -> Vector:
-        """A v."""
+        """Returns A v."""
         return self.matrix @ v if self.action is None else self.action(v)
 
 
 class AbstractFactored(eqx.Module):
-    """A linear operator, ready to be solved with."""
+    """A linear operator that is prepared for solving."""
 
     @abc.abstractmethod
     def solve(self, b: Vector) -> Solution:
-        """x with A x = b."""
+        """Solves A x = b."""
 
 
 class AbstractSolver(eqx.Module):
-    """How to solve with a linear operator."""
+    """A method for solving linear systems."""
 
     @abc.abstractmethod
     def factor(self, operator: LinearOperator) -> AbstractFactored:
-        """Does the work that all right-hand sides share."""
+        """Does the part of the work that does not depend on the right-hand side."""
 
 
 def _one_by_one(function, together=None):
-    """Batches a LAPACK call as a loop on CPUs, where JAX's batched calls can lock up.
+    """Wraps a LAPACK call so that on CPUs a batch is a loop, because JAX's batched calls can deadlock there.
 
-    A batched call waits for helpers from the thread pool that it runs on itself; two at once, in a compiled loop,
-    wait for each other for ever (jaxlib 0.10). Other platforms batch as they like, or by `together`, which does the
-    same as `function`.
+    A batched call waits for worker threads of the thread pool in which it runs itself. Two such calls in a compiled
+    loop can wait for each other forever (jaxlib 0.10). On other platforms a batch uses `jax.vmap` of `together`
+    (default: `function`), which must compute the same.
     """
     together = together or function
     single = jax.custom_batching.custom_vmap(function)
 
     @single.def_vmap
     def batched(size, is_batched, *args):
-        if size == 1:  # a loop of one costs a loop all the same
+        if size == 1:  # avoids the overhead of a loop
             out = single(*(arg[0] if flag else arg for arg, flag in zip(args, is_batched, strict=True)))
             return jax.tree.map(lambda leaf: leaf[None], out), jax.tree.map(lambda _: True, out)
         args = [
@@ -124,20 +124,20 @@ _solve_upper_transposed = _triangular(lower=False, transpose=True)
 
 
 class AbstractFactoredDense(AbstractFactored):
-    """Triangular factors of `operator.matrix`."""
+    """A linear operator with triangular factors of `operator.matrix`."""
 
     operator: eqx.AbstractVar[LinearOperator]
 
     @abc.abstractmethod
     def _substitute(self, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        """A⁻¹ b."""
+        """Returns A⁻¹ b by substitution."""
 
     @abc.abstractmethod
     def _substitute_transposed(self, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        """A⁻ᵀ b."""
+        """Returns A⁻ᵀ b by substitution."""
 
     def solve_columns(self, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        """A⁻¹ applied to every column."""
+        """Applies A⁻¹ to every column of b."""
         return lax.custom_linear_solve(
             lambda v: self.operator.matrix @ v,
             b,
@@ -151,14 +151,14 @@ class AbstractFactoredDense(AbstractFactored):
 
 
 def _eliminated(matrix, b):
-    """A⁻¹ b: eliminating the columns of [A b] leaves U and L⁻¹ P b."""
+    """Returns A⁻¹ b: the LU factorisation of [A b] gives U and L⁻¹ P b."""
     n = matrix.shape[0]
     reduced, _, _ = lax.linalg.lu(jnp.concatenate([matrix, b[:, None]], axis=1))
     return lax.linalg.triangular_solve(reduced[:, :n], reduced[:, n:], left_side=True, lower=False)[:, 0]
 
 
 def _factored_and_solved(matrix, b):
-    """A⁻¹ b: GPU libraries factor many square matrices at once, oblong ones only one after the other."""
+    """Returns A⁻¹ b for GPUs: their libraries factorise a batch of square matrices at once, but not of others."""
     lu, _, order = lax.linalg.lu(matrix)
     z = lax.linalg.triangular_solve(lu, b[order][:, None], left_side=True, lower=True, unit_diagonal=True)
     return lax.linalg.triangular_solve(lu, z, left_side=True, lower=False)[:, 0]
@@ -168,7 +168,7 @@ _eliminate = _one_by_one(_eliminated, together=_factored_and_solved)
 
 
 class Eliminated(AbstractFactored):
-    """Nothing is factored beforehand: each right-hand side is eliminated along with the matrix."""
+    """Repeats the elimination for each right-hand side; nothing is factorised beforehand."""
 
     operator: LinearOperator
 
@@ -186,7 +186,7 @@ class Eliminated(AbstractFactored):
 class Elimination(AbstractSolver):
     """Gaussian elimination with partial pivoting for a single right-hand side.
 
-    Cheaper than `Dense` then: the order of the rows, which LAPACK gives as a sequence of exchanges, is not needed.
+    It is then cheaper than `Dense`, because the row order is not needed, which LAPACK returns as a sequence of swaps.
     """
 
     def factor(self, operator: LinearOperator) -> Eliminated:
@@ -194,7 +194,7 @@ class Elimination(AbstractSolver):
 
 
 class FactoredLU(AbstractFactoredDense):
-    """P A = L U in one array, with the row order of P."""
+    """The factors of P A = L U in one array, and the row order that P describes."""
 
     operator: LinearOperator
     lu: Float[Array, "n n"]
@@ -209,7 +209,7 @@ class FactoredLU(AbstractFactoredDense):
 
 
 class FactoredCholesky(AbstractFactoredDense):
-    """A = L Lᵀ; NaN when A is not positive definite, which the residual then shows."""
+    """The factor of A = L Lᵀ. It is NaN if A is not positive definite; the residual is then NaN as well."""
 
     operator: LinearOperator
     lower: Float[Array, "n n"]
@@ -221,10 +221,10 @@ class FactoredCholesky(AbstractFactoredDense):
 
 
 class Dense(AbstractSolver):
-    """Cholesky where positive definiteness is promised, else LU with partial pivoting."""
+    """Cholesky if the operator is stated to be positive definite, otherwise LU with partial pivoting."""
 
     def factor(self, operator: LinearOperator) -> AbstractFactoredDense:
-        # Solves differentiate implicitly, so the factors themselves carry no derivative.
+        # Solutions are differentiated implicitly, so the factors need no derivative.
         matrix = lax.stop_gradient(operator.matrix)
         if operator.positive_definite:
             return FactoredCholesky(operator, _cholesky(matrix))
@@ -232,7 +232,7 @@ class Dense(AbstractSolver):
 
 
 class FactoredGMRES(AbstractFactored):
-    """Nothing is factored; the operator's own `precondition` does what sharing there is, from the right."""
+    """Solves by GMRES, with the operator's `precondition` from the right; nothing is factorised."""
 
     operator: LinearOperator
     tol: float = eqx.field(static=True)
@@ -260,7 +260,7 @@ class FactoredGMRES(AbstractFactored):
 
 
 class GMRES(AbstractSolver):
-    """Restarted GMRES, until the true residual is below `tol` or a cycle no longer helps."""
+    """Restarted GMRES. It stops when the true residual is below `tol` or a cycle does not halve it."""
 
     tol: float = eqx.field(static=True, default=1e-11)
     restart: int = eqx.field(static=True, default=30)
@@ -271,20 +271,20 @@ class GMRES(AbstractSolver):
 
 
 def for_second_kind(n: int) -> AbstractSolver:
-    """The faster solver for one right-hand side of a well-conditioned second-kind system of n unknowns.
+    """Returns the faster solver for one right-hand side of a well-conditioned second-kind system of n unknowns.
 
-    Measured (`experiments/solvers.py`): GMRES takes 2 to 10 iterations whatever n is; with its overhead it
-    overtakes LU between 128 and 256 unknowns and is nine times faster at 512. The stiff systems stay with dense
-    factors, which the frozen part needs anyway.
+    By the measurements of `experiments/solvers.py`, GMRES takes 2 to 10 iterations for every n. It becomes faster than
+    LU between 128 and 256 unknowns and is nine times faster at 512. Stiff systems are solved with dense factors, which
+    the implicit steps need anyway.
     """
     return Elimination() if n < 256 else GMRES()
 
 
 def factor_blocks(matrices: Float[Array, "M n n"], *, positive_definite: bool = False) -> AbstractFactoredDense:
-    """Dense factors of each block of a block-diagonal matrix, batched along the first axis."""
+    """Factorises each block of a block-diagonal matrix; the first axis counts the blocks."""
     return jax.vmap(lambda A: Dense().factor(LinearOperator(A, positive_definite=positive_definite)))(matrices)
 
 
 def solve_blocks(blocks: AbstractFactoredDense, b: Float[Array, "M n"]) -> Float[Array, "M n"]:
-    """Solves with each of the factored blocks."""
+    """Solves with each of the factorised blocks."""
     return jax.vmap(lambda block, b: block.solve_columns(b[:, None])[:, 0])(blocks, b)

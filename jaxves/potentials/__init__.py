@@ -1,9 +1,9 @@
-"""Layer potentials of one curve: on it, close to it, far from it.
+"""Layer potentials of one curve: on the curve, close to it, and far from it.
 
-kernels                             free-space kernels of the Laplace and the Stokes equation
-chords                              differences of nodes, with their limits on the diagonal
-self_laplace, self_stokes           Nyström matrices of a curve on itself
-self_refined                        the same where parts of one curve come close to one another
-cauchy, close_laplace, close_stokes points arbitrarily close to a curve
-far                                 the trapezoidal rule, for points far away
+kernels                             free-space kernels of the Laplace and Stokes equations
+chords                              differences of nodes, and the limits of kernels on the diagonal
+self_laplace, self_stokes           Nyström matrices for targets on the same curve (self-interaction)
+self_refined                        self-interaction of a curve with a neck or a fold
+cauchy, close_laplace, close_stokes targets at any distance from the curve (close evaluation)
+far                                 targets far from the curve, by the trapezoidal rule
 """

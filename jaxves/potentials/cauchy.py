@@ -1,20 +1,22 @@
-r"""Cauchy integrals of densities on a closed curve, at any distance from it, and holomorphic continuation.
+r"""Cauchy integrals of densities on a closed curve at any distance from it, and holomorphic continuation.
 
     C[τ](z) = (1/2πi) ∮ τ(y) dy/(y-z)           counter-clockwise; C[1] = 1 inside, 0 outside
-    C[τ]'   = C[dτ/dy]                          so no kernel is ever differentiated
+    C[τ]'   = C[dτ/dy]                          so that no kernel has to be differentiated
 
-Nodes z_k = Z(2πk/K), h = 2π/K, c_k = h z'_k/(z_k - z), W = Σ c_k. The boundary values v of a function
-holomorphic inside, or outside and zero at infinity, continue it to z by the compensated trapezoidal rule [I, H]:
+Let z_k = Z(2πk/K) be the nodes, h = 2π/K, c_k = h z'_k/(z_k - z) and W = Σ c_k. Let v be a function that is holomorphic
+inside the curve, or outside and zero at infinity. Its boundary values v_k give its value at z by the compensated
+trapezoidal rule [I, H]:
 
     v(z) = Σ b_k v_k,    b_k = c_k / (W - 2πi [z outside])
 
-For v = C[τ] the boundary values, with their own singular integral compensated [H], are sums over the nodes
-again. Exchanging the sums and splitting c_j c_k into partial fractions leaves one sum, as accurate, no dearer:
+The boundary values of v = C[τ] are sums over the nodes as well, after their singular integral is compensated [H].
+Exchanging the two sums and splitting c_j c_k into partial fractions gives a single sum, with the same accuracy and
+cost:
 
     C[τ](z) = (1/2πi) Σ { c_k (1 - b_k) τ_k + h b_k (τ z')'_k / z'_k }
 
-It is used multiplied through by the distance δ to the nearest node, which is then nowhere a divisor: values and
-all derivatives hold down to the node itself, where v is its one-sided limit. [B] builds layer potentials on this.
+The code multiplies this by the distance δ to the nearest node, so that nothing is divided by δ. Values and all
+derivatives are then accurate up to the node itself, where v is the one-sided limit. [B] uses this for layer potentials.
 
 [I] N. I. Ioakimidis, K. E. Papadakis, E. A. Perdios, Numerical evaluation of analytic functions by Cauchy's
     theorem, BIT 31 (1991) 276-285.
@@ -34,30 +36,33 @@ from ..numerics.arrays import NodePoints, Points
 
 
 def complex_of(x: Float[Array, "*batch 2"]) -> Complex[Array, "*batch"]:
-    """The complex number of a point."""
+    """Converts points to complex numbers."""
     return jax.lax.complex(x[..., 0], x[..., 1])
 
 
 def real_of(z: Complex[Array, "*batch"]) -> Float[Array, "*batch 2"]:
-    """The point of a complex number."""
+    """Converts complex numbers to points."""
     return jnp.stack([z.real, z.imag], axis=-1)
 
 
 def derivative(f: Complex[Array, "..."], axis: int = 0) -> Complex[Array, "..."]:
-    """df/dα of complex grid functions."""
+    """Returns df/dα of a complex function on the grid."""
     return jax.lax.complex(fourier.derivative(f.real, axis=axis), fourier.derivative(f.imag, axis=axis))
 
 
 def _argmin(rows: Float[Array, "P K"]) -> Int[Array, "P"]:
-    """First minimum of each row; four times as fast on a CPU as `jnp.argmin`, which is not vectorised there."""
+    """Returns the index of the first minimum of each row.
+
+    On a CPU it is four times as fast as `jnp.argmin`, which is not vectorised there.
+    """
     K = rows.shape[1]
     return jnp.min(jnp.where(rows == jnp.min(rows, axis=1, keepdims=True), np.arange(K), K - 1), axis=1)
 
 
 class CauchyRule(eqx.Module):
-    """C[τ] = direct τ + (h/2πi) barycentric τ_α, and v(z) = barycentric v, from K nodes to P targets.
+    """The rules C[τ] = direct τ + (h/2πi) barycentric τ_α and v(z) = barycentric v, from K nodes to P targets.
 
-    `inside` says from which side a target sees the curve; build with `CauchyRule.of`.
+    `inside` says which targets are enclosed by the curve. Build it with `CauchyRule.of`.
     """
 
     direct: Complex[Array, "P K"]
@@ -67,11 +72,11 @@ class CauchyRule(eqx.Module):
 
     @classmethod
     def of(cls, x: NodePoints, targets: Points, *, inside: Bool[Array, "P"] | bool | None = None) -> "CauchyRule":
-        """The rule of the trigonometric interpolant of the nodes `x`, counter-clockwise.
+        """Builds the rule for the trigonometric interpolant of the counter-clockwise nodes `x`.
 
-        `inside` is the side of the targets where it is known (one for all, or one for each); otherwise the
-        winding number decides, with a target on a node counted as outside. It follows the interpolant as
-        closely as the rule does: W = 2πi/(1 - e^{iKα}) for Z(α) = z, up to the error of the rule.
+        `inside` says on which side the targets are, one value for all or one for each. If it is None, the winding
+        number decides, and a target on a node counts as outside. The decision is as accurate as the rule itself: W =
+        2πi/(1 - e^{iKα}) for Z(α) = z, up to the error of the rule.
         """
         z, t = complex_of(x), complex_of(targets)
         K = z.shape[0]
@@ -81,7 +86,8 @@ class CauchyRule(eqx.Module):
         r2 = (x[:, 0] - targets[:, 0, None]) ** 2 + (x[:, 1] - targets[:, 1, None]) ** 2
         index = _argmin(jax.lax.stop_gradient(r2))
         nearest = np.arange(K) == index[:, None]
-        # The nearest node enters through δ alone; 1 in its place keeps the quotient and its gradient finite.
+        # The nearest node enters only through δ. Replacing its distance by 1 keeps the quotient and its gradient
+        # finite.
         inverse_r2 = 1 / jnp.where(nearest, 1.0, r2)
         others = jnp.where(nearest, 0.0, (h * dz) * jnp.conj(z - t[:, None]) * inverse_r2)
         delta, weight = z[index] - t, h * dz[index]
@@ -95,7 +101,7 @@ class CauchyRule(eqx.Module):
         barycentric = jnp.where(nearest, (weight * inverse)[:, None], (delta * inverse)[:, None] * others)
         ordinary = jnp.where(nearest, (weight * inverse * rest)[:, None], others * (1 - barycentric))
         direct = (ordinary + barycentric * (h * stretch)) * (-0.5j / np.pi)
-        # C[1] is known: the nearest node takes up what is missing, and with it most of the noise of z''.
+        # C[1] is known exactly. Correcting the weight of the nearest node accordingly removes most of the noise of z''.
         missing = jnp.where(inside, 1.0, 0.0) - jnp.sum(direct, axis=1)
         return cls(direct + jnp.where(nearest, missing[:, None], 0.0), barycentric, inside, dz)
 
@@ -106,19 +112,19 @@ class CauchyRule(eqx.Module):
     def __call__(
         self, density: Complex[Array, "K *rest"], d_dalpha: Complex[Array, "K *rest"] | None = None
     ) -> Complex[Array, "P *rest"]:
-        """C[τ]; `d_dalpha` is τ_α where it is known better than by differentiating τ."""
+        """Returns C[τ]. `d_dalpha` is τ_α, if it is known more accurately than by differentiating τ."""
         if d_dalpha is None:
             d_dalpha = derivative(density)
         return self.direct @ density + self.barycentric @ (self._slope * d_dalpha)
 
     def matrix(self) -> Complex[Array, "P K"]:
-        """The matrix of C; differentiation, being antisymmetric, acts on its rows with the other sign."""
+        """Returns the matrix of C. Differentiation is antisymmetric, so it acts on the rows with the opposite sign."""
         return self.direct - self._slope * derivative(self.barycentric, axis=1)
 
     def d_dz(self, density: Complex[Array, "K *rest"]) -> Complex[Array, "K *rest"]:
-        """dτ/dy along the curve: C[τ]' = C[dτ/dy], and the boundary values of v' are dv/dy."""
+        """Returns dτ/dy along the curve. Then C[τ]' = C[dτ/dy], and dv/dy are the boundary values of v'."""
         return derivative(density) / self.dz.reshape((-1,) + (1,) * (density.ndim - 1))
 
     def continued(self, v: Complex[Array, "K *rest"]) -> Complex[Array, "P *rest"]:
-        """The holomorphic function with boundary values v on the target's side; outside, it decays."""
+        """Returns the holomorphic function with boundary values v, on each target's side; outside it decays."""
         return self.barycentric @ v

@@ -1,4 +1,4 @@
-r"""Differences of all pairs of nodes of one curve, formed once and shared by every kernel on it.
+r"""Differences of all pairs of nodes of one curve. They are computed once and used by all kernels of the curve.
 
 The log of the chord is Kress's split [K]:
 
@@ -17,7 +17,7 @@ from ..numerics.arrays import NodeMatrix
 
 
 class Chords(eqx.Module):
-    """r = x_i - x_j by components, 1/|r|² with a harmless diagonal, and the smooth part of log|r|."""
+    """The components of r = x_i - x_j, 1/|r|² (1 on the diagonal), and the smooth part of log|r|."""
 
     rx: NodeMatrix
     ry: NodeMatrix
@@ -26,14 +26,14 @@ class Chords(eqx.Module):
 
     @classmethod
     def of(cls, curve: Curve) -> "Chords":
-        """All pairs of nodes of `curve`."""
+        """Returns the differences of all pairs of nodes of `curve`."""
         N = curve.x.shape[0]
         eye = jnp.eye(N)
         chord2 = fourier.spread(4 * np.sin(np.pi * np.arange(N) / N) ** 2 + (np.arange(N) == 0))
         rx = curve.x[:, None, 0] - curve.x[None, :, 0]
         ry = curve.x[:, None, 1] - curve.x[None, :, 1]
-        # Adding `eye` keeps log, quotient and their gradients finite where the distance is zero;
-        # the diagonal then holds log 1 = 0 and takes its limit.
+        # Adding `eye` keeps logarithm, quotient and their gradients finite on the diagonal. The logarithm is 0 there,
+        # and the limit is added to it.
         inverse_r2 = 1.0 / (rx**2 + ry**2 + eye)
         smooth = -0.5 * jnp.log(inverse_r2 * chord2) + eye * jnp.log(curve.speed)
         return cls(rx, ry, inverse_r2, smooth)

@@ -1,22 +1,22 @@
-r"""Laplace layer potentials of one curve at targets anywhere, as near to the curve as one likes.
+r"""Laplace layer potentials of one curve at targets at any distance from it (close evaluation).
 
     S[q] = ∮ G(x-y) q ds,    D[V] = ∮ ∂G(x-y)/∂n_y V ds,    G(r) = -log|r|/2π,    D[1] = -1 inside, 0 outside
 
-With complex z for x and ν for n, ds = dy/iν, both are real parts of Cauchy integrals C (`cauchy`):
+With complex z for x and ν for n, ds = dy/iν, both are real parts of Cauchy integrals C (see `cauchy`):
 
     D[V]   = -Re C[V]                                           ∇D[V] ↔ -C[dV/dy]
     S[q]   =  Re C[τ] - (Q/2π) log|z - a| [z outside]           ∇S[q] ↔  C[q ν̄]
     τ      =  i ∫ (q ds - (Q/2π) dα) - (Q/2π) ℓ,    ℓ = log(y - a) - iα,    Q = ∮ q ds
 
-where ∇u ↔ v' means u_x - i u_y = v'. τ is the density of S after one integration by parts; ℓ, the log of a
-charge at a, makes it periodic, and a is any point inside: the centre of the largest inscribed circle, where ℓ
-is smoothest. The Stokes potentials in `near_stokes` are built from the same integrals.
+where ∇u ↔ v' means u_x - i u_y = v'. τ is the density of S after one integration by parts. ℓ is the potential of a
+point charge at a; subtracting it makes τ periodic. a can be any point inside. The centre of the largest inscribed
+circle is used, because ℓ is smoothest there. The Stokes potentials in `close_stokes` use the same integrals.
 
-What all of them share is `CloseGeometry`, formed once per (curve, targets). The curve, q|x_α| and V are first
-interpolated to `upsample` times the nodes, since products such as τ z' have twice the bandwidth of their factors:
-what N nodes resolve, 2 treats without further error. Matrices act on densities at the N nodes and include the
-weights. Everything is differentiable, forward and reverse, in nodes, densities and targets down to distance
-zero. Memory is 32 bytes per (fine node, target).
+`CloseGeometry` has the quantities that all potentials share for one curve and one set of targets. The curve, q|x_α| and
+V are first interpolated to `upsample` times the nodes, because products such as τ z' have twice the bandwidth of their
+factors. With the default of 2 this adds no error. Matrices act on densities at the N nodes and include the weights.
+Everything is differentiable in nodes, densities and targets, forward and reverse, also at distance zero. Memory is 32
+bytes per pair of fine node and target.
 """
 
 import equinox as eqx
@@ -33,21 +33,21 @@ TargetMatrix = Float[Array, "P N"]
 
 
 def _inner_point(curve: Curve) -> Float[Array, "2"]:
-    """Centre of the largest circle inside that touches the curve at one of a few dozen nodes."""
+    """Returns the centre of the largest inscribed circle that touches the curve at one of a few dozen nodes."""
     some = slice(None, None, max(1, curve.x.shape[0] // 48))
     x, normal = curve.x[some], curve.normal[some]
     rx, ry = x[:, 0, None] - curve.x[:, 0], x[:, 1, None] - curve.x[:, 1]
     depth = rx * normal[:, 0, None] + ry * normal[:, 1, None]
-    met = depth > 0  # by a growing circle
+    met = depth > 0  # a growing circle can touch this node
     radius = jnp.min(jnp.where(met, (rx**2 + ry**2) / (2 * jnp.where(met, depth, 1.0)), jnp.inf), axis=1)
     j = jnp.argmax(radius)
     return x[j] - radius[j] * normal[j]
 
 
 class CloseGeometry(eqx.Module):
-    """What all potentials of one curve at one set of targets share; build with `CloseGeometry.of`.
+    """Quantities that all potentials of one curve at one set of targets share; build it with `CloseGeometry.of`.
 
-    Fine nodes `z` and targets `target` are complex, about an origin within the curve.
+    The fine nodes `z` and targets `target` are complex numbers, relative to the mean of the nodes.
     """
 
     rule: CauchyRule
@@ -60,7 +60,7 @@ class CloseGeometry(eqx.Module):
     def of(
         cls, curve: Curve, targets: Points, *, inside: Bool[Array, "P"] | bool | None = None, upsample: int = 2
     ) -> "CloseGeometry":
-        """From N nodes to P targets; `inside` as for `CauchyRule.of`, where None lets the geometry decide."""
+        """Builds the geometry from N nodes to P targets. With `inside` None, the winding number decides the side."""
         origin = jax.lax.stop_gradient(jnp.mean(curve.x, axis=0))
         x, targets = fourier.resample(curve.x - origin, upsample * curve.x.shape[0], axis=0), targets - origin
         # S does not depend on the inner point, so neither does its derivative.
@@ -70,52 +70,52 @@ class CloseGeometry(eqx.Module):
 
     @property
     def dz(self) -> Complex[Array, "K"]:
-        """dz/dα at the fine nodes."""
+        """Returns dz/dα at the fine nodes."""
         return self.rule.dz
 
     @property
     def inside(self) -> Bool[Array, "P"]:
-        """Which targets the curve encloses."""
+        """Returns which targets the curve encloses."""
         return self.rule.inside
 
     def finer(self, density: Float[Array, "N *rest"]) -> Float[Array, "K *rest"]:
-        """A density at the fine nodes."""
+        """Interpolates a density to the fine nodes."""
         return fourier.resample(density, self.dz.shape[0], axis=0)
 
     def flux(self, density: Float[Array, "N *rest"]) -> Float[Array, "K *rest"]:
-        """|x_α| times a density at the fine nodes."""
+        """Returns |x_α| times a density, interpolated to the fine nodes."""
         return self.finer(density * self.speed.reshape((-1,) + (1,) * (density.ndim - 1)))
 
     def coarser(self, matrix: Float[Array, "P K"]) -> TargetMatrix:
-        """`matrix` after `finer`."""
+        """Returns the matrix that applies `finer` first and then `matrix`."""
         N, K = self.speed.shape[0], self.dz.shape[0]
         return matrix if N == K else matrix @ fourier.resampling_matrix(N, K)
 
     def on_flux(self, matrix: Float[Array, "P K"]) -> TargetMatrix:
-        """`matrix` after `flux`."""
+        """Returns the matrix that applies `flux` first and then `matrix`."""
         return self.coarser(matrix) * self.speed
 
     def charge_log(self) -> Complex[Array, "K"]:
-        """ℓ, up to an imaginary constant, which no potential sees."""
+        """Returns ℓ at the fine nodes, up to an imaginary constant that does not change any potential."""
         angle = fourier.antiderivative(self.charge_log_slope().imag)
         return jax.lax.complex(jnp.log(jnp.abs(self.z - self.inner)), angle)
 
     def charge_log_slope(self) -> Complex[Array, "K"]:
-        """ℓ_α + i: beside it, the flux in τ_α keeps its mean."""
+        """Returns ℓ_α + i at the fine nodes; with the i, the flux in τ_α keeps its mean."""
         return self.dz / (self.z - self.inner)
 
     def outer_log(self) -> Float[Array, "P"]:
-        """log|z - a| at the targets outside, 0 inside."""
+        """Returns log|z - a| at targets outside the curve, and 0 inside."""
         return jnp.log(jnp.abs(jnp.where(self.inside, 1.0, self.target - self.inner)))
 
 
 def laplace_slp(close: CloseGeometry, q: Nodes) -> Float[Array, "P"]:
-    """S[q]."""
+    """Returns S[q] at the targets."""
     return slp_of_flux(close, close.flux(q))
 
 
 def slp_of_flux(close: CloseGeometry, flux: Float[Array, "K"]) -> Float[Array, "P"]:
-    """S of q given as q|x_α| at the fine nodes."""
+    """Returns S[q] from q|x_α| at the fine nodes."""
     charge = jnp.mean(flux)  # Q/2π
     tau = 1j * fourier.antiderivative(flux) - charge * close.charge_log()
     d_tau = 1j * flux - charge * close.charge_log_slope()
@@ -123,45 +123,45 @@ def slp_of_flux(close: CloseGeometry, flux: Float[Array, "K"]) -> Float[Array, "
 
 
 def laplace_slp_matrix(close: CloseGeometry) -> TargetMatrix:
-    """The matrix of S."""
+    """Returns the matrix of S."""
     return close.on_flux(slp_flux_matrix(close))
 
 
 def slp_flux_matrix(close: CloseGeometry) -> Float[Array, "P K"]:
-    """The matrix of `slp_of_flux`; integration, being antisymmetric, acts on rows with the other sign."""
+    """Returns the matrix of `slp_of_flux`. Integration is antisymmetric, so it acts on rows with the opposite sign."""
     rule, K = close.rule, close.z.shape[0]
     charge_part = rule(close.charge_log(), close.charge_log_slope()).real + close.outer_log()
     return fourier.antiderivative(rule.direct.imag) + (rule.barycentric.real - charge_part[:, None]) / K
 
 
 def laplace_slp_gradient(close: CloseGeometry, q: Nodes) -> Points:
-    """∇S[q]."""
+    """Returns ∇S[q] at the targets."""
     return real_of(jnp.conj(close.rule(1j * close.flux(q) / close.dz)))
 
 
 def laplace_slp_gradient_matrix(close: CloseGeometry) -> Float[Array, "2 P N"]:
-    """The matrices of ∂_x S and ∂_y S."""
+    """Returns the matrices of ∂_x S and ∂_y S."""
     matrix = close.rule.matrix() * (1j / close.dz)
     return jnp.stack([close.on_flux(matrix.real), close.on_flux(-matrix.imag)])
 
 
 def laplace_dlp(close: CloseGeometry, V: Nodes) -> Float[Array, "P"]:
-    """D[V]."""
+    """Returns D[V] at the targets."""
     return -close.rule(close.finer(V) + 0j).real
 
 
 def laplace_dlp_matrix(close: CloseGeometry) -> TargetMatrix:
-    """The matrix of D."""
+    """Returns the matrix of D."""
     return close.coarser(-close.rule.matrix().real)
 
 
 def laplace_dlp_gradient(close: CloseGeometry, V: Nodes) -> Points:
-    """∇D[V]."""
+    """Returns ∇D[V] at the targets."""
     return -real_of(jnp.conj(close.rule(close.rule.d_dz(close.finer(V) + 0j))))
 
 
 def laplace_dlp_gradient_matrix(close: CloseGeometry) -> Float[Array, "2 P N"]:
-    """The matrices of ∂_x D and ∂_y D."""
+    """Returns the matrices of ∂_x D and ∂_y D."""
     matrix = close.rule.matrix() / close.dz
     rows = [fourier.derivative(matrix.real, axis=1), fourier.derivative(-matrix.imag, axis=1)]
     return jnp.stack([close.coarser(row) for row in rows])

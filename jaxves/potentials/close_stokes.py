@@ -1,17 +1,17 @@
-r"""Stokes layer potentials of one curve at targets anywhere, as near to the curve as one likes (viscosity 1).
+r"""Stokes layer potentials of one curve at targets at any distance from it (close evaluation, viscosity 1).
 
     S[f]_a = ∮ (-log|r| δ_ab + r_a r_b/|r|²) f_b ds / 4π          D[u]_a = ∮ r_a r_b (r·n) u_b ds / π|r|⁴
     p[f]   = ∮ r·f ds / 2π|r|²                                    T[f]_ab = -∮ r_a r_b (r·f) ds / π|r|⁴
 
-r = x - y, D[1] = -1 inside. With complex f = f_1 + i f_2, g = f ν̄ and C, S, D of `cauchy` and `near`:
+r = x - y, D[1] = -1 inside. With complex f = f_1 + i f_2, g = f ν̄, C from `cauchy`, S and D from `close_laplace`:
 
     S[f]                 = ½ S_Laplace[f] + ∮ f ds/8π + ¼ conj C[(ȳ - z̄) g]
     D[u]                 = D_Laplace[u] + ½ conj C[(z̄ - ȳ) du/dy]
     p[f]                 = -Re C[g]
     ½(T_11 - T_22) + i T_12 = ½ conj C[f̄ ν̄ - f ν̄³ - (z̄ - ȳ) dg/dy],        T_11 + T_22 = -2p
 
-each derived from r r·f = ½ (|r|² f + r² f̄) and ∮ f ds/(y - z) = 2π C[f ν̄]. These are the combinations of
-Laplace potentials in [B], with ȳ - z̄ kept together.
+They follow from r r·f = ½ (|r|² f + r² f̄) and ∮ f ds/(y - z) = 2π C[f ν̄]. These are the combinations of Laplace
+potentials in [B], except that ȳ - z̄ is not split.
 
 [B] A. H. Barnett, B. Wu, S. Veerapaneni, SIAM J. Sci. Comput. 37 (2015) B519-B542.
 """
@@ -27,25 +27,25 @@ from .self_stokes import StokesBlocks
 
 
 def _g(close: CloseGeometry, flux: Float[Array, "K 2"]) -> Complex[Array, "K"]:
-    """The density g = f ν̄ = i f|x_α| / z'."""
+    """Returns the density g = f ν̄ = i f|x_α| / z'."""
     return 1j * complex_of(flux) / close.dz
 
 
 def _against_distance(close: CloseGeometry, g: Complex[Array, "K"]) -> Complex[Array, "P"]:
-    """C[(ȳ - z̄) g]."""
+    """Returns C[(ȳ - z̄) g]."""
     values = close.rule(jnp.stack([jnp.conj(close.z) * g, g], axis=-1))
     return values[:, 0] - jnp.conj(close.target) * values[:, 1]
 
 
 def stokes_slp(close: CloseGeometry, f: NodePoints) -> Points:
-    """Velocity S[f]."""
+    """Returns the velocity S[f] at the targets."""
     flux = close.flux(f)
     equal = 0.5 * jax.vmap(slp_of_flux, in_axes=(None, 1), out_axes=1)(close, flux) + 0.25 * jnp.mean(flux, axis=0)
     return equal + 0.25 * real_of(jnp.conj(_against_distance(close, _g(close, flux))))
 
 
 def stokes_slp_matrix(close: CloseGeometry) -> StokesBlocks:
-    """The blocks of S."""
+    """Returns the blocks of the matrix of S."""
     distance = jnp.conj(close.z - close.target[:, None])
     cross = close.rule.matrix() * (distance * (0.25j / close.dz))
     equal = 0.5 * slp_flux_matrix(close) + 0.25 / close.z.shape[0]
@@ -54,12 +54,12 @@ def stokes_slp_matrix(close: CloseGeometry) -> StokesBlocks:
 
 
 def stokes_slp_pressure(close: CloseGeometry, f: NodePoints) -> Float[Array, "P"]:
-    """Pressure of S[f]."""
+    """Returns the pressure of S[f] at the targets."""
     return -close.rule(_g(close, close.flux(f))).real
 
 
 def stokes_slp_stress(close: CloseGeometry, f: NodePoints) -> Float[Array, "P 2 2"]:
-    """Stress -p δ + ∇u + ∇uᵀ of S[f]; its traction is T·n."""
+    """Returns the stress T = -p δ + ∇u + ∇uᵀ of S[f] at the targets. The traction is T·n."""
     flux = close.flux(f)
     g = _g(close, flux)
     # ν̄² = -conj(z')/z'
@@ -72,7 +72,7 @@ def stokes_slp_stress(close: CloseGeometry, f: NodePoints) -> Float[Array, "P 2 
 
 
 def stokes_dlp(close: CloseGeometry, u: NodePoints) -> Points:
-    """Velocity D[u]."""
+    """Returns the velocity D[u] at the targets."""
     u = close.finer(u)
     du = close.rule.d_dz(complex_of(u))
     return -close.rule(u + 0j).real - 0.5 * real_of(jnp.conj(_against_distance(close, du)))

@@ -1,12 +1,13 @@
-r"""Layer potentials of all membranes at points away from them, by the trapezoidal rule.
+r"""Layer potentials of all membranes at points far from them, by the trapezoidal rule.
 
     S[q](x) = ∮ G(x-y) q(y) ds_y                  ∇S[q] = ∮ ∇_x G q ds
     D[V](x) = ∮ ∂G(x-y)/∂n_y V(y) ds_y            ∂G/∂n_y = r·n/(2π|r|²),   D[1] = -1 inside, 0 outside
     S[f]_a(x) = ∮ G_ab(x-y) f_b(y) ds_y           Stokes, viscosity 1; its pressure p[f] = ∮ r·f ds / 2π|r|²
 
-`curves` are M membranes at once (leaves (M, N, ...)), densities (M, N) or (M, N, 2), targets (P, 2); the
-result is the sum over membranes. The error is about exp(-2πd/h) at a distance of d node spacings h, so
-13 digits from d = 5h on [B] (the "5h rule"); nearer than that it is useless, and nothing here says so.
+`curves` has M membranes (leaves (M, N, ...)), densities are (M, N) or (M, N, 2), targets (P, 2). The result is the sum
+over all membranes. At a distance d from a membrane with node spacing h the error is about exp(-2πd/h). That is 13
+digits for d ≥ 5h [B] (the "5h rule"). The functions here do not check the distance; at shorter distances use close
+evaluation.
 
 [B] A. H. Barnett, Evaluation of layer potentials close to the boundary for Laplace and Helmholtz
     problems on analytic planar domains, SIAM J. Sci. Comput. 36 (2014) A427-A451.
@@ -23,26 +24,27 @@ from . import kernels
 
 
 def _dipole(r: Float[Array, "P *nodes 2"], normal: Float[Array, "*nodes 2"]) -> Float[Array, "P *nodes"]:
-    """∂G/∂n_y = r·n / 2π|r|²."""
+    """Returns ∂G/∂n_y = r·n / 2π|r|²."""
     return -jnp.sum(kernels.laplace_gradient(r) * normal, axis=-1)
 
 
 def _dipole_gradient(r: Float[Array, "P *nodes 2"], normal: Float[Array, "*nodes 2"]) -> Float[Array, "P *nodes 2"]:
-    """∇_x ∂G/∂n_y = (n - 2 (r·n) r/|r|²) / 2π|r|²."""
+    """Returns ∇_x ∂G/∂n_y = (n - 2 (r·n) r/|r|²) / 2π|r|²."""
     r2 = jnp.sum(r**2, axis=-1, keepdims=True)
     along = jnp.sum(r * normal, axis=-1, keepdims=True)
     return (normal - 2 * along * r / r2) / (2 * jnp.pi * r2)
 
 
 def separations(curves: Curve, targets: Points) -> Float[Array, "P M N 2"]:
-    """The vectors x - y from every node to every target."""
+    """Returns the vectors x - y from every node y to every target x."""
     return targets[:, None, None, :] - curves.x
 
 
 def _to_sum(curves: Curve, targets: Points):
-    """Components of all separations, (P, MN), and 1/|r|²; finite where a target is a node.
+    """Returns the components of all separations, (P, MN), and 1/|r|², which is 1 if a target is a node.
 
-    What is formed of them and summed at once is never stored: three times as fast as a kernel and a product.
+    XLA does not store sums that are formed directly from them. This is three times as fast as storing a kernel and
+    multiplying by it.
     """
     y = curves.x.reshape(-1, 2)
     rx, ry = targets[:, 0, None] - y[:, 0], targets[:, 1, None] - y[:, 1]
@@ -55,32 +57,32 @@ def _weights(curves: Curve) -> VesicleNodes:
 
 
 def laplace_slp(curves: Curve, q: VesicleNodes, targets: Points) -> Float[Array, "P"]:
-    """S[q]."""
+    """Returns S[q] at the targets."""
     kernel = kernels.laplace(separations(curves, targets))
     return jnp.einsum("pmn,mn->p", kernel, q * _weights(curves))
 
 
 def laplace_slp_gradient(curves: Curve, q: VesicleNodes, targets: Points) -> Points:
-    """∇S[q]."""
+    """Returns ∇S[q] at the targets."""
     rx, ry, inverse_r2 = _to_sum(curves, targets)
     scaled = (q * _weights(curves)).reshape(-1) * inverse_r2
     return jnp.stack([jnp.sum(rx * scaled, axis=1), jnp.sum(ry * scaled, axis=1)], axis=-1) / (-2 * np.pi)
 
 
 def laplace_dlp(curves: Curve, V: VesicleNodes, targets: Points) -> Float[Array, "P"]:
-    """D[V]."""
+    """Returns D[V] at the targets."""
     kernel = _dipole(separations(curves, targets), curves.normal)
     return jnp.einsum("pmn,mn->p", kernel, V * _weights(curves))
 
 
 def laplace_dlp_gradient(curves: Curve, V: VesicleNodes, targets: Points) -> Points:
-    """∇D[V]."""
+    """Returns ∇D[V] at the targets."""
     kernel = _dipole_gradient(separations(curves, targets), curves.normal)
     return jnp.einsum("pmna,mn->pa", kernel, V * _weights(curves))
 
 
 def stokes_slp(curves: Curve, f: VesiclePoints, targets: Points) -> Points:
-    """Velocity S[f]."""
+    """Returns the velocity S[f] at the targets."""
     rx, ry, inverse_r2 = _to_sum(curves, targets)
     fx, fy = (f * _weights(curves)[..., None]).reshape(-1, 2).T
     log = 0.5 * jnp.log(inverse_r2)
@@ -90,6 +92,6 @@ def stokes_slp(curves: Curve, f: VesiclePoints, targets: Points) -> Points:
 
 
 def stokes_slp_pressure(curves: Curve, f: VesiclePoints, targets: Points) -> Float[Array, "P"]:
-    """Pressure of S[f]."""
+    """Returns the pressure of S[f] at the targets."""
     kernel = kernels.stokeslet_pressure(separations(curves, targets))
     return jnp.einsum("pmna,mna->p", kernel, f * _weights(curves)[..., None])

@@ -1,9 +1,10 @@
-r"""Stokes single layer on one curve: velocity at the nodes from a force density at the nodes.
+r"""The Stokes single layer on one curve: from a force density at the nodes to the velocity at the nodes.
 
     S[f]_a(x) = ∮ (-log|r| δ_ab + r_a r_b/|r|²) f_b(y) ds_y / 4π,     r = x - y, viscosity 1
 
-As in `laplace`, the kernel acts on |x_α| f and is symmetric. Its log part is half of Laplace's S, with
-the same log rule; r_a r_b/|r|² is smooth, with the limit t_a t_b and trace 1: three blocks hold all four.
+As in `self_laplace`, the kernel acts on |x_α| f and is symmetric. Its logarithmic part is half the Laplace single
+layer. r_a r_b/|r|² is smooth, with the limit t_a t_b on the diagonal. The off-diagonal blocks are equal, so three
+blocks are stored.
 """
 
 import equinox as eqx
@@ -16,7 +17,7 @@ from .chords import Chords
 
 
 class StokesBlocks(eqx.Module):
-    """The block matrix [[xx, xy], [xy, yy]], from N nodes to P points."""
+    """The block matrix [[xx, xy], [xy, yy]] from densities at N nodes to velocities at P points."""
 
     xx: Float[Array, "*batch P N"]
     xy: Float[Array, "*batch P N"]
@@ -28,7 +29,7 @@ class StokesBlocks(eqx.Module):
 
 
 def slp(curve: Curve, chords: Chords, laplace_slp: NodeMatrix) -> StokesBlocks:
-    """The blocks, from the kernel of Laplace's S on the same curve."""
+    """Returns the blocks of S, from the kernel `laplace_slp` of the Laplace single layer on the same curve."""
     scale = 0.5 / chords.rx.shape[0]  # 2π/N · 1/4π
     tangent = curve.tangent
     xx = (chords.rx**2 * chords.inverse_r2 + jnp.diag(tangent[:, 0] ** 2)) * scale
