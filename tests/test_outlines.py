@@ -187,7 +187,7 @@ def test_a_scene_of_a_noisy_outline_warns_once_and_is_stored_with_its_modes(node
     assert answer(["run", str(path), "--out", str(tmp_path / "run.h5")]) == 0
     said = capsys.readouterr().err
     assert said.count("warning") == 1 and "scatter by 0.2" in said.replace("0.3", "0.2") and "`modes`" in said
-    record = jaxves.store.load(tmp_path / "run.h5")
+    record = jaxves.read_result(tmp_path / "run.h5")
     found = 4 * np.pi * record.diagnostics["area"][0, 0] / record.diagnostics["length"][0, 0] ** 2
     assert abs(found - 0.9) < 3e-3 and np.all(record.nodes <= 96)
     again = scene_files.parse(scene_files.tomllib.loads(record.scene))  # warnings are errors here

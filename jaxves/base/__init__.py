@@ -1,6 +1,6 @@
-"""Vocabulary: how a run ended, the bounds of numbers, the checks of what Python callers pass.
+"""Definitions that all other folders use: status words, bounds of numbers, checks of arguments.
 
 status      codes, words and advice for the end of a run; no JAX
-bounds      which values a number may have, declared once; no JAX
-arguments   checks of known values, in one line that names the argument
+bounds      the allowed values of each kind of number; no JAX
+arguments   checks of the arguments of Python functions
 """

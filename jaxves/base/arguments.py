@@ -1,8 +1,8 @@
-"""Checks of what Python callers pass: a value that is known is checked at once, a traced one inside the program.
+"""Checks of the arguments of Python functions.
 
-A value is known when no transformation of JAX is tracing it. It is looked at with NumPy: inside of `jit` the functions
-of JAX trace known values as well. Every complaint is a ValueError of one line that names the argument, its value and
-what was expected.
+A value is called known if no transformation of JAX traces it. Known values are checked at once, with NumPy, because
+inside `jit` the functions of JAX would trace them as well. Traced values are checked in the compiled program. Every
+error is a ValueError whose message is one line. It names the argument, its value and what was expected.
 """
 
 import operator
@@ -18,18 +18,18 @@ from .bounds import Bounds
 
 
 def is_known(*values: Any) -> bool:
-    """Whether no value, nor any part of one, is traced."""
+    """Returns whether no part of any value is traced."""
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
 
 
 def refusal(argument: str, value: Any, expected: str) -> ValueError:
-    """The error to raise: `argument` has this `value`, and something else was `expected`."""
+    """Returns the error that says which argument has which value, and what was expected."""
     text = " ".join(str(value).split())
     return ValueError(f"{argument} = {text if len(text) <= 80 else text[:77] + '...'}, expected {expected}.")
 
 
 def require(argument: str, value: Any, bounds: Bounds) -> None:
-    """Raises ValueError when a known `value`, a number or an array of numbers, has an entry out of bounds."""
+    """Raises ValueError if a known `value`, a number or an array of numbers, has an entry out of bounds."""
     if not is_known(value):
         return
     entries = np.asarray(value)
@@ -42,7 +42,7 @@ def require(argument: str, value: Any, bounds: Bounds) -> None:
 
 
 def require_count(argument: str, value: Any, least: int = 1) -> None:
-    """Raises ValueError unless `value` is a whole number, at least `least`; True and False are none."""
+    """Raises ValueError unless `value` is a whole number of at least `least`. True and False are refused."""
     try:
         counts = not isinstance(value, bool | np.bool_) and operator.index(value) >= least
     except (TypeError, jax.errors.TracerIntegerConversionError):
@@ -52,14 +52,14 @@ def require_count(argument: str, value: Any, least: int = 1) -> None:
 
 
 def require_nodes(argument: str, value: Any) -> None:
-    """Raises ValueError unless `value` can be a number of nodes: even, and at least 4."""
+    """Raises ValueError unless `value` is a possible number of nodes: even, and at least 4."""
     require_count(argument, value, 4)
     if value % 2:
         raise refusal(argument, value, "an even number of nodes")
 
 
 class Bounded(eqx.Module):
-    """A pytree whose numbers have bounds, by the name of the field.
+    """A pytree whose numbers have bounds; `bounds` has them by the name of the field.
 
     Raises:
         ValueError: a known number is out of its bounds.
@@ -72,6 +72,6 @@ class Bounded(eqx.Module):
             require(f"{type(self).__name__}.{name}", getattr(self, name), limits)
 
     def is_within_bounds(self) -> Bool[Array, ""]:
-        """Whether all numbers are; may be traced."""
+        """Returns whether all numbers are within their bounds; may be traced."""
         found = [jnp.all(limits.hold(getattr(self, name))) for name, limits in self.bounds.items()]
         return jnp.all(jnp.stack(found)) if found else jnp.array(True)

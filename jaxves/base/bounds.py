@@ -1,4 +1,4 @@
-"""The bounds of physical numbers, declared once: scene files check them, and so does Python, traced or not.
+"""The bounds of physical numbers. Scene files and Python functions use the same ones, also for traced numbers.
 
 Nothing here imports JAX.
 """
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """Which values a number may have: above `gt`, at least `ge`, at most `le`, and finite unless said otherwise.
+    """The allowed values of a number: above `gt`, at least `ge`, at most `le`, and finite unless `finite` is False.
 
     `expected` says the same in words, for error messages.
     """
@@ -21,7 +21,7 @@ class Bounds:
     finite: bool = True
 
     def hold(self, value: Any) -> Any:
-        """Whether `value` is within the bounds, entry by entry; takes numbers, NumPy arrays and traced arrays."""
+        """Returns for each entry whether it is within the bounds; takes numbers, NumPy arrays and traced arrays."""
         within = value == value  # false for NaN
         if self.finite:
             within = within & (abs(value) < float("inf"))

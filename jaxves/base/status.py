@@ -1,7 +1,7 @@
-"""How a run ended: one integer inside compiled code, one word and one line of advice outside.
+"""How a run ended: an integer code in compiled code, and a word with one line of advice outside.
 
-Codes are ordered by severity, so that several findings combine by maximum. What is judged of the start alone, or of
-a whole run that reached its end, stands outside of this order: `invalid` and `inaccurate`.
+Codes are ordered by severity, so that several findings can be combined with the maximum. Two codes do not belong to
+this order: `invalid` is found at the start only, and `inaccurate` is found after a run has reached its end.
 """
 
 COMPLETE = 0
@@ -41,26 +41,28 @@ WORDS = {
 }
 
 ADVICE = {
-    "running": "Its process has ended; everything up to here is kept; continue it with --resume.",
+    "running": "The process that wrote this file has ended. All saved times are kept: continue with --resume.",
     "complete": "",
-    "steady": "The stop condition was met: nothing moves faster than the limit.",
+    "steady": "The stop condition was met: no shape changes faster than the limit.",
     "class reached": "The stop condition was met.",
-    "interrupted": "Everything up to here is kept; continue with --resume.",
+    "interrupted": "All saved times are kept: continue with --resume.",
     "unresolved": "The nodes no longer resolve the shape, the potential or a film between membranes: use more nodes, "
     "and for a film a lower tolerance.",
-    "drift": "Area or perimeter left their values: lower the tolerance or the time step; "
-    "a circle among others cannot be held in shape: take reduced_area = 0.999.",
-    "solve failed": "A linear system was not solved to round-off: use more nodes or the dense solver.",
+    "drift": "Area or perimeter are not conserved: use a lower tolerance or a smaller time step. "
+    "For a circle among other vesicles, use reduced_area = 0.999.",
+    "solve failed": "A linear system was not solved accurately: use more nodes or the dense solver.",
     "crowded": "More vesicles are near one another than the matrix-free solver has room for: raise `neighbours`.",
     "self-contact": "Two parts of one membrane have crossed: use more nodes and a lower tolerance.",
     "collision": "Two membranes have crossed: use more nodes and a lower tolerance.",
-    "step underflow": "The step fell below its limit: the tolerance is out of reach here; use more nodes or loosen it.",
-    "too many steps": "The step limit was reached: loosen the tolerance or split the run with --resume.",
+    "step underflow": "The time step fell below its limit, so the tolerance cannot be met: "
+    "use more nodes or a larger tolerance.",
+    "too many steps": "The limit on the number of steps was reached: "
+    "use a larger tolerance, or continue with --resume.",
     "not finite": "A value overflowed: use a smaller step, or `tolerance` instead of `time_step`.",
-    "inaccurate": "The run reached its end, but its own estimates leave less than one correct digit: use more nodes or "
-    'nodes = "auto", and a lower tolerance; the certificate names the weakest link.',
-    "invalid": "A number of the scene is out of its bounds, or a starting curve is clockwise or has nodes that are not "
-    "equispaced; make_scene and scene files say which when the values are not traced.",
+    "inaccurate": "The run reached its end, but its error estimates leave less than one correct digit: use more nodes "
+    'or nodes = "auto", and a lower tolerance. The certificate names the largest error.',
+    "invalid": "A number of the scene is out of its bounds, or a starting curve is clockwise or has unevenly spaced "
+    "nodes: call make_scene with values that are not traced to see which.",
 }
 
 SUCCESS = frozenset({"complete", "steady", "class reached"})

@@ -1,11 +1,11 @@
-"""The model: what a membrane, a field and a flow are.
+"""The physical model: membrane, electric field, imposed flow, and units.
 
-membrane    bending forces and the energy
-electric    surface potentials, charging of the membrane, Maxwell stress
-flow        flows from far away
-waveform    how a field changes with time
-circle      what a circle does, which has no shape to change
-scene       `Scene`: everything that a run needs to know
-units       volts, metres and seconds to the model's numbers and back
-regime      which regime an experiment is in
+membrane    bending and tension forces, bending energy
+electric    charging of the membrane, electric field on its two sides, Maxwell stress
+flow        imposed flows
+waveform    the time dependence of the field
+rigid       motion of a circle, which cannot deform
+scene       `Scene`: starting nodes and all physical parameters
+units       from SI units to the dimensionless numbers, and back
+regime      estimates for a laboratory vesicle, and the limits of the model
 """

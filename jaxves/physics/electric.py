@@ -1,13 +1,13 @@
-r"""The leaky-dielectric field about capacitive membranes (Wu & Veerapaneni, eqs. 5-9).
+r"""The leaky-dielectric model for capacitive, conducting membranes (Wu & Veerapaneni, eqs. 5-9).
 
     φ = -E_∞·x + S q - D V_m,     q = [[∂_n φ]],  V_m = [[φ]],     jumps are inside minus outside
     ½ w + S'[η w] = E_∞·n + D'V_m,             q = η w,  η = (Λ-1)/(Λ+1)
     χ dV_m/dt + G V_m = Λ/(1+Λ) w              at a material point
     f_el = (β/χ) [[ε (½(E_n² - E_t²) n + E_n E_t t)]]
 
-The unknown is w rather than q: it stays finite at Λ = 1, where q = 0. As ∮ E_∞·n ds = ∮ D'V_m ds = 0,
-∮ w ds = 0 as well; adding its mean to the operator changes no solution and keeps it regular at
-Λ → ∞, where ½ + S' alone is singular.
+The unknown is w and not q, because w is also defined at Λ = 1, where q = 0. Since ∮ E_∞·n ds = ∮ D'V_m ds = 0,
+∮ w ds = 0 as well. The mean of w is added to the operator. This does not change the solution, and it keeps the operator
+regular as Λ → ∞, where ½ + S' is singular.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ _PER_VESICLE = ("conductivity_ratio", "membrane_conductance", "membrane_chi", "p
 
 
 def inner_share(conductivity_ratio: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """Λ/(1+Λ), with value and derivative right for all Λ in [0, ∞]."""
+    """Returns Λ/(1+Λ). Value and derivative are correct for all Λ in [0, ∞]."""
     small = conductivity_ratio <= 1
     inverse = 1 / jnp.where(small, 1.0, conductivity_ratio)
     below = jnp.where(small, conductivity_ratio, 0.0)
@@ -36,10 +36,10 @@ def inner_share(conductivity_ratio: Float[Array, "*batch"]) -> Float[Array, "*ba
 
 
 class Field(Bounded):
-    """The imposed field and what the membranes and fluids do to it; (M,) arrays are per vesicle.
+    """The imposed electric field and the electric parameters of fluids and membranes; (M,) arrays are per vesicle.
 
-    β = ε|E_∞|² a C_m / μσ_e and χ are the reference numbers that scale the Maxwell stress; a vesicle
-    whose own capacitance differs has its own `membrane_chi`.
+    β = ε|E_∞|² a C_m / μσ_e and χ = C_m κ_B/(σ_e μ a²) use the reference capacitance. Their ratio scales the Maxwell
+    stress. `membrane_chi` is χ with the capacitance of each vesicle.
 
     Raises:
         ValueError: a known number is out of its bounds, or shapes do not fit.
@@ -80,36 +80,36 @@ class Field(Bounded):
         return super().is_within_bounds() & jnp.any(self.direction != 0)
 
     def for_vesicles(self, M: int) -> "Field":
-        """The field of one vesicle, its numbers repeated for M."""
+        """Returns the field of one vesicle with its numbers repeated for M vesicles."""
         repeated = {name: jnp.broadcast_to(getattr(self, name), (M,)) for name in _PER_VESICLE}
         return dataclasses.replace(self, **repeated)
 
     def unit_direction(self) -> Float[Array, "2"]:
-        """`direction`, normalised."""
+        """Returns the normalised `direction`."""
         return self.direction / jnp.sqrt(jnp.sum(self.direction**2))
 
     def E_inf(self, t: Scalar) -> Float[Array, "2"]:
-        """The imposed field at time t, in units of the reference |E_∞|."""
+        """Returns the imposed field at time t, in units of the reference |E_∞|."""
         direction = self.unit_direction()
         return direction if self.history is None else self.history(t) * direction
 
     def stress_scale(self) -> Scalar:
-        """β/χ: the Maxwell stress of the reference field over the bending stress κ_B/a³."""
+        """Returns β/χ, the Maxwell stress of the reference field in units of the bending stress κ_B/a³."""
         return self.beta / self.chi
 
     def contrast(self) -> PerVesicle:
-        """η = (Λ-1)/(Λ+1)."""
+        """Returns η = (Λ-1)/(Λ+1)."""
         return 2 * inner_share(self.conductivity_ratio) - 1
 
     def charging_rate(self, V_m: Float[Array, "M N"], w: Float[Array, "M N"]) -> Float[Array, "M N"]:
-        """dV_m/dt = (Λ/(1+Λ) w - G V_m)/χ."""
+        """Returns dV_m/dt = (Λ/(1+Λ) w - G V_m)/χ."""
         share = inner_share(self.conductivity_ratio)
         conductance = self.membrane_conductance
         return (share[:, None] * w - conductance[:, None] * V_m) / self.membrane_chi[:, None]
 
 
 class SurfaceFields(eqx.Module):
-    """Normal and tangential electric field on the two sides of one membrane."""
+    """The normal and tangential electric field on the inner and outer side of one membrane, in units of |E_∞|."""
 
     inner_normal: Nodes
     outer_normal: Nodes
@@ -125,10 +125,10 @@ def surface_fields(
     V_m: Nodes,
     potential_slope: Nodes,
 ) -> SurfaceFields:
-    """One-sided fields from w, V_m and ∂_s of the mean potential S q - D V_m on the membrane.
+    """Returns the electric field on both sides of one membrane.
 
-    Current continuity gives the normal parts without another operator: E_n = w/(1+Λ) inside and
-    Λ w/(1+Λ) outside, so E_n,i - E_n,e = -q.
+    `potential_slope` is ∂_s of S q - D V_m on the membrane, with the mean of the two sides for D. The normal components
+    follow from the continuity of the current: E_n = w/(1+Λ) inside and Λ w/(1+Λ) outside, so E_n,i - E_n,e = -q.
     """
     share = inner_share(conductivity_ratio)
     tangential = curve.tangent @ E_inf - potential_slope
@@ -137,7 +137,7 @@ def surface_fields(
 
 
 def maxwell_traction(curve: Curve, fields: SurfaceFields, permittivity_ratio: Scalar) -> NodePoints:
-    """[[ε (½(E_n² - E_t²) n + E_n E_t t)]] in units of ε_e |E_∞|²."""
+    """Returns [[ε (½(E_n² - E_t²) n + E_n E_t t)]], (N, 2), in units of ε_e |E_∞|²."""
     E_n, E_t = fields.inner_normal, fields.inner_tangential
     normal = permittivity_ratio * 0.5 * (E_n**2 - E_t**2)
     tangential = permittivity_ratio * E_n * E_t

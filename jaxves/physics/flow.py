@@ -1,4 +1,4 @@
-"""Imposed flows v_∞(x, t), linear in position; their strength is the capillary number Ca."""
+"""Imposed flows v_∞(x, t), which are linear in position. Their strength is the capillary number Ca."""
 
 import abc
 from typing import ClassVar
@@ -18,22 +18,22 @@ class AbstractFlow(Bounded):
 
     @abc.abstractmethod
     def gradient(self, t: Scalar) -> Float[Array, "2 2"]:
-        """∂v_a/∂x_b."""
+        """Returns ∂v_a/∂x_b at time t."""
 
     def velocity(self, x: VesiclePoints, t: Scalar) -> VesiclePoints:
-        """v_∞ at points x of any leading shape."""
+        """Returns v_∞ at the points x, (..., 2)."""
         return jnp.einsum("ab,...b->...a", self.gradient(t), x)
 
     @abc.abstractmethod
     def effective_viscosity(self, stress: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch"]:
-        """Intrinsic viscosity [μ] from the particle stress tensor (`diagnostics`)."""
+        """Returns the intrinsic viscosity [μ] from the particle stress tensor (`observables/diagnostics.py`)."""
 
 
 class _OfStrength(AbstractFlow):
-    """A flow whose strength is the capillary number, which may not vanish: leave the flow out (None) instead.
+    """A flow whose strength is the capillary number. It must not be zero; use no flow (None) instead.
 
     Raises:
-        ValueError: the capillary number is known to be zero or not finite.
+        ValueError: a known capillary number is zero or not finite.
     """
 
     bounds: ClassVar = {"capillary_number": FINITE}
@@ -58,7 +58,7 @@ class Shear(_OfStrength):
         return self.capillary_number * jnp.array([[0.0, 1.0], [0.0, 0.0]])
 
     def effective_viscosity(self, stress):
-        """[μ] = Σ₁₂/Ca: force along the flow times distance across it."""
+        """Returns [μ] = Σ₁₂/Ca."""
         return stress[..., 0, 1] / self.capillary_number
 
 
@@ -69,7 +69,7 @@ class Extension(_OfStrength):
         return self.capillary_number * jnp.array([[1.0, 0.0], [0.0, -1.0]])
 
     def effective_viscosity(self, stress):
-        """[μ] = (Σ₁₁ - Σ₂₂)/4Ca, the ratio of the stress to that of the bare fluid."""
+        """Returns [μ] = (Σ₁₁ - Σ₂₂)/4Ca, the particle stress divided by the stress of the fluid alone."""
         return (stress[..., 0, 0] - stress[..., 1, 1]) / (4 * self.capillary_number)
 
 
@@ -81,7 +81,7 @@ class LinearFlow(AbstractFlow):
     """v = ∇v·x with any trace-free gradient, (2, 2).
 
     Raises:
-        ValueError: the gradient is known to have a trace, which an incompressible fluid has not.
+        ValueError: a known gradient has a trace. The flow of an incompressible fluid has none.
     """
 
     bounds: ClassVar = {"velocity_gradient": FINITE}
@@ -91,7 +91,7 @@ class LinearFlow(AbstractFlow):
     def __check_init__(self):
         require("LinearFlow.velocity_gradient", self.velocity_gradient, FINITE)
         shape, known = self.velocity_gradient.shape, is_known(self.velocity_gradient)
-        # A traced gradient may have a trace: derivatives in its entries are taken one by one.
+        # A traced gradient may have a trace, because derivatives vary one entry at a time.
         if shape != (2, 2) or (known and not _is_trace_free(np.asarray(self.velocity_gradient))):
             wanted = "a trace-free gradient [[a, b], [c, -a]] of finite numbers"
             raise refusal("LinearFlow.velocity_gradient", self.velocity_gradient, wanted)
@@ -100,6 +100,6 @@ class LinearFlow(AbstractFlow):
         return self.velocity_gradient
 
     def effective_viscosity(self, stress):
-        """[μ] = Σ:D / 2D:D with the rate of strain D; NaN for a pure rotation, which strains nothing."""
+        """Returns [μ] = Σ:D / 2D:D with the rate of strain D; NaN for a pure rotation, for which D = 0."""
         strain = 0.5 * (self.velocity_gradient + self.velocity_gradient.T)
         return jnp.einsum("...ab,ab->...", stress, strain) / (2 * jnp.sum(strain**2))

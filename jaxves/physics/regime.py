@@ -1,17 +1,18 @@
-r"""What a laboratory vesicle will do in a field, and where the model of this package ends for it.
+r"""Estimates for a laboratory vesicle in a field, and the limits of the model for it.
 
-Estimates in closed form, for a nearly round vesicle of reduced area Δ; ε₀ = √(2(1-Δ)/3), B = β/χ.
+The formulas hold for a nearly round vesicle of reduced area Δ, with ε₀ = √(2(1-Δ)/3) and B = β/χ.
 
     inner field of a circle, over E_∞   c = 2 (1 - w (1 - u))/(1 + Λ),  u = e^{-t/t_c},  w = Λ/(1+Λ) / (G + Λ/(1+Λ))
     charging time                       t_c = χ/(G + Λ/(1+Λ)), in t_κ
     load on the prolate shape           P = (B/8) (3 + (1 - Λc)² - 3c²), negative: it compresses the membrane
-    tension                             λ = 2P/(3 ε₀ (1 + 1.8 ε₀)), in κ_B/a²; for Δ ≥ 0.9 the bracket is right to 2 %
+    tension                             λ = 2P/(3 ε₀ (1 + 1.8 ε₀)), in κ_B/a²; 1 + 1.8 ε₀ is accurate to 2 % for Δ ≥ 0.9
     fastest wrinkle                     k* = √(|λ|/3) waves around the vesicle, growing at |λ|^{3/2}/(6√3) per t_κ
     nodes                               N = 3 √|λ_min| for four digits, with λ_min ≈ 1.27 λ
 
-The growth exponent X is the integral of that rate for as long as the load compresses: until the charge of the membrane
-turns its sign or, where a conducting membrane never lets it, for the time 3ε₀/|P| in which the shape turns oblate.
-Thermal wrinkles grow by e^X: below X = 1 they stay invisible, from X = 5 on they fill the contour.
+The growth exponent X is the integral of that rate while the load compresses the membrane. The load changes its sign
+when the membrane is charged. With a conducting membrane this may not happen; then the integral covers the time 3ε₀/|P|
+in which the shape becomes oblate. Thermal wrinkles grow by the factor e^X. For X < 1 they remain invisible; for X > 5
+they cover the whole contour.
 """
 
 import math
@@ -28,20 +29,20 @@ _LEAST_NODES = 64
 
 
 class Regime(NamedTuple):
-    """Times in s; a quantity that belongs to a field is None without one."""
+    """Estimates for one vesicle. Times are in s. Quantities that belong to a field are None without one."""
 
-    reynolds: float  # inertia over viscosity, with the velocity that the field or the shear drives
-    voltage: float | None  # 1.5 E a, in V: across the membrane of a sphere, once it is charged
-    flow_time: float | None  # μ/(εE²), in which the field deforms the vesicle
+    reynolds: float  # Reynolds number of the flow that the field or the shear drives
+    voltage: float | None  # 1.5 E a, in V: potential difference across the charged membrane of a sphere
+    flow_time: float | None  # μ/(εE²): time in which the field deforms the vesicle
     charged_after: float | None  # t_c
-    relaxation_time: float | None  # 2ε/(σ_i + σ_e), in which charge reaches the membrane; zero in the model
-    wrinkles: float | None  # k*, zero where the field does not compress the membrane
+    relaxation_time: float | None  # 2ε/(σ_i + σ_e): time in which charge reaches the membrane; zero in the model
+    wrinkles: float | None  # k*, zero if the field does not compress the membrane
     growth: float | None  # X
     nodes: int | None
 
 
 def regime(physical: LabQuantities, reduced_area: float) -> Regime:
-    """The regime of one vesicle with reduced area in (0, 1)."""
+    """Returns the estimates for one vesicle with reduced area in (0, 1)."""
     numbers = physical.numbers()
     a, mu, E, epsilon = (float(value) for value in (physical.a, physical.mu, physical.E, physical.epsilon))
     stress = epsilon * E**2
@@ -71,7 +72,7 @@ def _charging_time(numbers: Numbers) -> float:
 
 
 def _compression(numbers: Numbers, epsilon_0: float) -> tuple[float, float]:
-    """|λ| when the field is switched on, and the growth exponent X; zero where the load stretches the membrane."""
+    """Returns |λ| when the field is switched on, and the growth exponent X; both are zero without compression."""
     ratio, B = float(numbers.conductivity_ratio), float(numbers.beta / numbers.chi)
     if ratio >= 1:
         return 0.0, 0.0
@@ -98,11 +99,11 @@ def _compression(numbers: Numbers, epsilon_0: float) -> tuple[float, float]:
 
 
 def limits(found: Regime) -> Iterator[str]:
-    """One sentence for each limit of the model, or of the number of nodes, that this vesicle passes."""
+    """Yields one sentence for each limit of the model, or of the tested number of nodes, that this vesicle exceeds."""
     if found.reynolds > 0.1:
         yield (
-            f"Inertia: the Reynolds number is {found.reynolds:.2g}. The model has none; it describes Reynolds numbers "
-            "far below 1."
+            f"Inertia: the Reynolds number is {found.reynolds:.2g}. The model neglects inertia and holds for Reynolds "
+            "numbers far below 1."
         )
     if found.voltage is None:
         return
@@ -115,11 +116,12 @@ def limits(found: Regime) -> Iterator[str]:
     if found.relaxation_time > 0.1 * fastest:
         yield (
             f"Charge relaxation: charge takes {found.relaxation_time:.2g} s to reach the membrane, against "
-            f"{fastest:.2g} s for the fastest motion. The model takes it to be there at once."
+            f"{fastest:.2g} s for the fastest motion. The model assumes that it arrives at once."
         )
     if found.nodes > MEASURED_NODES:
         yield (
             f"Wrinkles: the field compresses the membrane into about {found.wrinkles:.0f} waves, which need "
-            f"{found.nodes} nodes; up to {MEASURED_NODES} have been measured. With fewer a run ends as unresolved or, "
-            "from a start that nothing disturbs, leaves the wrinkles out. A weaker field or smaller vesicle needs less."
+            f"{found.nodes} nodes. Runs were tested with up to {MEASURED_NODES} nodes. With too few a run ends as "
+            "unresolved or, if the start is not disturbed, misses the wrinkles. A weaker field or a smaller vesicle "
+            "needs fewer nodes."
         )

@@ -1,14 +1,15 @@
-r"""A membrane that encloses all the area its perimeter allows: a circle, which cannot deform.
+r"""Motion of a circle: a membrane that encloses the largest area its perimeter allows cannot deform.
 
-As Δ → 1 the mean tension grows without bound, and what is left of the motion is that of a rigid body,
+As Δ → 1 the mean tension grows without bound, and only the motion of a rigid body remains:
 
     v = U + Ω e_z × r.
 
-Forces that hold a shape have no resultant and no torque, and on a circle the single layer keeps Fourier modes apart:
-for f₁ + i f₂ = c e^{ikθ}, S f = R/4|k| f but for the resultant (k = 0), the pressure and the torque (k = 1). So U and
-Ω are means of the velocity that other forces cause, and the holding force follows mode by mode.
+The force that keeps the shape has no resultant and no torque. On a circle of radius R the single layer does not mix
+Fourier modes: for f₁ + i f₂ = c e^{ikθ}, S f = R/4|k| f, except for the resultant (k = 0), the pressure and the torque
+(k = 1). U and Ω are therefore means of the velocity that the other forces cause, and the force that keeps the shape
+follows for each mode.
 
-This holds for a vesicle alone: another one would feel the holding force.
+This holds for a vesicle without others, because that force would move another vesicle.
 """
 
 import jax.numpy as jnp
@@ -19,19 +20,19 @@ from ..numerics.arrays import NodePoints, Scalar
 
 
 def rigid_part(curve: Curve, velocity: NodePoints) -> NodePoints:
-    """U + Ω e_z × r with the mean of `velocity` and of its tangential part, on a circle."""
+    """Returns U + Ω e_z × r on a circle; U is the mean of `velocity`, Ω comes from its mean tangential component."""
     turning = jnp.mean(jnp.sum(velocity * curve.tangent, axis=-1))
     return jnp.mean(velocity, axis=0) + turning * curve.tangent
 
 
 def holding_force(curve: Curve, velocity: NodePoints) -> NodePoints:
-    """The force per unit length whose single layer on a circle is `velocity`, which has no rigid part."""
+    """Returns the force per unit length whose single layer on a circle is `velocity`, which has no rigid part."""
     radius = jnp.mean(curve.speed)
     return (4 / radius) * fourier.multiply(velocity, fourier.wavenumbers(velocity.shape[0]), axis=0)
 
 
 def nearest_circle(x: NodePoints, radius: Scalar) -> NodePoints:
-    """Equispaced nodes on the circle of this radius, with the centre and the phase of the nodes `x`."""
+    """Returns equispaced nodes on the circle of this radius, with the centre and the phase of the nodes `x`."""
     alpha = fourier.grid(x.shape[0])
     cosine, sine = jnp.cos(alpha), jnp.sin(alpha)
     center = jnp.mean(x, axis=0)

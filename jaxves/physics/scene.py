@@ -1,7 +1,7 @@
-"""What is simulated: vesicles, and the field and flow they are in, if any.
+"""What is simulated: vesicles, and the field and flow they are in.
 
-Numbers with a meaning are arrays (traced, differentiable, batchable); sizes are shapes; absence is
-`None`, decides what is traced, and costs nothing.
+Physical numbers are arrays, which can be traced, differentiated and batched. A field or flow that is absent is `None`;
+it is then not compiled and costs nothing.
 """
 
 from collections.abc import Sequence
@@ -26,14 +26,14 @@ _FLOW = "a flow, such as Shear(10.0)"
 class Scene(Bounded):
     """The starting nodes and all physical parameters.
 
-    `x`: nodes (M, N, 2), counter-clockwise, equispaced in arc length; `bending`: κ_B of each vesicle
-    relative to the reference, (M,). The transmembrane potential starts at `V_m` (M, N), or at zero.
+    `x` are the nodes (M, N, 2), counter-clockwise and equispaced in arc length. `bending` is κ_B of each vesicle
+    relative to the reference, (M,). The transmembrane potential starts at `V_m` (M, N), or at zero if that is None.
 
-    Values that are known are checked here. A run of a scene whose values are traced ends as `invalid` where this would
-    have raised (`is_valid`).
+    Known values are checked here. Traced values are checked in the run (`is_valid`), which then ends as `invalid`.
 
     Raises:
-        ValueError: shapes do not fit, a number is out of its bounds, or the curves are no start (see `make_scene`).
+        ValueError: shapes do not fit, a number is out of its bounds, or a run cannot start from the curves (see
+            `make_scene`).
     """
 
     bounds: ClassVar = {"bending": POSITIVE}
@@ -69,7 +69,10 @@ class Scene(Bounded):
             _check_start(np.asarray(self.x))
 
     def is_valid(self) -> Bool[Array, ""]:
-        """Whether numbers are in bounds and curves can be started from; may be traced. Runs see contact themselves."""
+        """Returns whether numbers are within bounds and a run can start from the curves; may be traced.
+
+        Contact between vesicles is not checked here; runs find it.
+        """
         valid = starts.are_startable(self.x) & self.is_within_bounds()
         parts = (self.field, self.flow, None if self.field is None else self.field.history)
         for part in parts:
@@ -95,23 +98,23 @@ def make_scene(
     field: Field | None = None,
     flow: AbstractFlow | None = None,
 ) -> Scene:
-    """A scene from one curve or several, each moved by its center (default: as it lies).
+    """Builds a scene from one or more curves.
 
-    Known nodes given clockwise are turned round, and nodes that are not equispaced in arc length are spaced evenly
-    along the trigonometric interpolant of the curve, from the first node on. Traced nodes are taken as they are: a run
-    of them ends as `invalid` if they should have been put right. `bending`, and the numbers of a `field` made for one
-    vesicle, hold for all vesicles.
+    Known nodes that are clockwise are reversed. Known nodes that are not equispaced in arc length are moved along the
+    trigonometric interpolant of the curve until they are; the first node stays. Traced nodes are not changed, and a run
+    ends as `invalid` if they need a change. One number for `bending`, and the numbers of a `field` for one vesicle, are
+    used for all vesicles.
 
     Args:
-        shapes: nodes (N, 2) of one curve, or of several, each with the same even N.
-        centers: (M, 2), or (2,) for one vesicle: what is added to the nodes of each curve.
-        bending: κ_B relative to the reference: one number, or (M,).
+        shapes: nodes (N, 2) of one curve, or of several curves with the same even N.
+        centers: (M, 2), or (2,) for one vesicle; added to the nodes of each curve. By default nothing is added.
+        bending: κ_B relative to the reference, one number or (M,).
         field: see `dc_field`.
-        flow: `Shear`, `Extension` or `Linear`.
+        flow: `Shear`, `Extension` or `LinearFlow`.
 
     Raises:
-        ValueError: shapes of the arguments do not fit together, a known number is out of its bounds, or the curves have
-            nodes that are not finite, cross themselves, or overlap or touch each other. One line names the argument.
+        ValueError: the shapes of the arguments do not fit together; a known number is out of its bounds; or a curve has
+            nodes that are not finite, crosses itself, or overlaps or touches another. The message names the argument.
     """
     x = _stacked(shapes)
     if is_known(x):
@@ -147,7 +150,7 @@ def _stacked(shapes) -> Float[Array | np.ndarray, "M N 2"]:
 
 
 def _put_right(x: Float[np.ndarray, "M N 2"]) -> Float[Array | np.ndarray, "M N 2"]:
-    """Counter-clockwise curves with even nodes; raises ValueError for what is no closed curve."""
+    """Returns counter-clockwise curves with equispaced nodes; raises ValueError for curves that cannot be used."""
     for m, nodes in enumerate(x):
         starts.check_curves(f"shapes[{m}]" if len(x) > 1 else "shapes", nodes[None])
     clockwise = starts.is_clockwise(x)
@@ -170,22 +173,22 @@ def dc_field(
     vesicles: int = 1,
     history=None,
 ) -> Field:
-    """A field along `direction`; numbers of the membrane may be one for all vesicles or one for each.
+    """Builds a field along `direction`. Each membrane parameter is one number, or one for each vesicle.
 
-    β, Λ, G and χ are the paper's; a `chi` given per vesicle is relative to the first's as reference.
+    β, Λ, G and χ are those of the paper. If `chi` is given per vesicle, the first one is the reference for β.
 
     Args:
         beta: field strength β >= 0.
-        conductivity_ratio: Λ >= 0, inside over outside; infinity is a perfect conductor inside.
+        conductivity_ratio: Λ >= 0, inside over outside; infinity means a perfect conductor inside.
         membrane_conductance: G >= 0.
-        chi: charging time over t_κ, positive.
+        chi: charging time divided by t_κ, positive.
         permittivity_ratio: ε_i/ε_e, positive.
-        direction: of the field; normalised, not zero.
-        vesicles: how many the field is for; `make_scene` repeats the numbers of a field for one.
-        history: a factor of time on the field, such as `Pulse`.
+        direction: direction of the field, not zero; it is normalised.
+        vesicles: number of vesicles; `make_scene` repeats the numbers of a field for one vesicle.
+        history: a time-dependent factor on the field, such as `Pulse`.
 
     Raises:
-        ValueError: a known number is out of its bounds, or there are not as many as vesicles.
+        ValueError: a known number is out of its bounds, or the number of values differs from that of vesicles.
     """
     require_count("vesicles", vesicles)
     numbers = dict(

@@ -1,10 +1,10 @@
-r"""From laboratory quantities (SI) to the paper's dimensionless numbers, and back.
+r"""From laboratory quantities in SI units to the paper's dimensionless numbers, and back.
 
     Λ = σ_i/σ_e                 G  = a G_m/σ_e            β = ε|E_∞|² a C_m/(μσ_e)
     χ = C_m κ_B/(σ_e μ a²)      Ca = μ γ̇ a³/κ_B           a = L/2π
 
-Ten quantities in four base units leave six numbers; the sixth has no influence, as ε enters through
-ε|E_∞|² alone. So the way back needs a, κ_B, μ, σ_e and ε. All formulas take and give traced arrays.
+Ten quantities in four base units leave six numbers. The sixth has no influence, because ε enters only as ε|E_∞|². The
+inverse therefore needs a, κ_B, μ, σ_e and ε. All formulas accept traced arrays.
 """
 
 import equinox as eqx
@@ -17,7 +17,7 @@ Number = Float[Array, "*batch"]
 
 
 class Scales(eqx.Module):
-    """What a result in dimensionless form is to be multiplied by, to be in SI."""
+    """The units of dimensionless results: multiply a result by them to get SI units."""
 
     length: Number  # a, m
     time: Number  # t_κ = μa³/κ_B, s
@@ -32,7 +32,7 @@ class Scales(eqx.Module):
 
 
 class LabQuantities(eqx.Module):
-    """One vesicle in SI; numbers or arrays of one shape."""
+    """One vesicle in SI units; all fields are numbers, or arrays of one shape."""
 
     a: Number = eqx.field(converter=as_float)  # m, perimeter/2π
     E: Number = eqx.field(converter=as_float)  # V/m, |E_∞|
@@ -46,7 +46,7 @@ class LabQuantities(eqx.Module):
     shear_rate: Number = eqx.field(converter=as_float, default=0.0)  # 1/s
 
     def numbers(self) -> "Numbers":
-        """The dimensionless numbers, by the formulas of the header."""
+        """Returns the dimensionless numbers, by the formulas at the top of this file."""
         return Numbers(
             beta=self.epsilon * self.E**2 * self.a * self.C_m / (self.mu * self.sigma_e),
             chi=self.C_m * self.kappa_B / (self.sigma_e * self.mu * self.a**2),
@@ -56,7 +56,7 @@ class LabQuantities(eqx.Module):
         )
 
     def scales(self) -> Scales:
-        """The units in which results are given."""
+        """Returns the units in which results are given."""
         time = self.mu * self.a**3 / self.kappa_B
         return Scales(
             length=self.a,
@@ -73,7 +73,7 @@ class LabQuantities(eqx.Module):
 
 
 class Numbers(eqx.Module):
-    """β, χ, Λ, G and Ca; numbers or arrays of one shape."""
+    """The numbers β, χ, Λ, G and Ca; all fields are numbers, or arrays of one shape."""
 
     beta: Number = eqx.field(converter=as_float)
     chi: Number = eqx.field(converter=as_float)
@@ -90,9 +90,9 @@ class Numbers(eqx.Module):
         sigma_e: ScalarLike,
         epsilon: ScalarLike,
     ) -> LabQuantities:
-        """The laboratory quantities that have these numbers, in SI.
+        """Returns laboratory quantities in SI units that have these numbers.
 
-        Not differentiable in β at β = 0, where |E_∞| goes like √β.
+        They are not differentiable in β at β = 0, because |E_∞| is proportional to √β.
         """
         C_m = self.chi * sigma_e * mu * a**2 / kappa_B
         return LabQuantities(

@@ -1,4 +1,4 @@
-"""How the strength of the imposed field depends on time: a factor on E_∞, 1 for a constant field."""
+"""Time dependence of the imposed field: a factor on E_∞, which is 1 for a constant field."""
 
 import abc
 from typing import ClassVar
@@ -14,27 +14,31 @@ from ..numerics.arrays import Scalar, as_float
 
 
 def _later(t: Array) -> Array:
-    """Where a kink at t is put: clearly after an instant that is saved at t, whatever the round-off of either.
+    """Returns a time slightly after t, by more than round-off, at which a kink at t is placed.
 
-    A step that ended at both would move with the kink, and so would what is saved, when differentiated.
+    A time that is saved at t then differs from the kink. If one step ended at both, the derivative of the saved values
+    would include their motion with the kink.
     """
     return t + 1e-13 * (1 + jnp.abs(t))
 
 
 class AbstractHistory(Bounded):
-    """A factor of time, and the instants at which it is not smooth (steps are made to end there)."""
+    """A factor that depends on time, and the times at which it is not smooth. Time steps end at these times."""
 
     @abc.abstractmethod
     def __call__(self, t: Scalar) -> Scalar:
-        """The factor at time t."""
+        """Returns the factor at time t."""
 
     @abc.abstractmethod
     def breakpoints(self) -> Float[Array, "B"]:
-        """Instants of kinks or jumps, in order."""
+        """Returns the times of kinks or jumps, in order."""
 
 
 class Pulse(AbstractHistory):
-    """0, then 1 from `start` for `duration`, then 0 again, with linear flanks of length `rise`."""
+    """0 before `start`, 1 after a linear rise of length `rise`, and 0 again from `start + duration + rise` on.
+
+    It begins to fall at `start + duration`. Times are in t_κ.
+    """
 
     bounds: ClassVar = {"start": FINITE, "duration": POSITIVE, "rise": POSITIVE}
 
@@ -69,10 +73,10 @@ class Sine(AbstractHistory):
 
 
 class PiecewiseLinear(AbstractHistory):
-    """Piecewise linear through (times, values), constant before the first and after the last.
+    """Piecewise linear through (times, values), constant before the first time and after the last.
 
     Raises:
-        ValueError: times do not increase, or there is not one value for each.
+        ValueError: known times do not increase, or the number of values differs from that of times.
     """
 
     bounds: ClassVar = {"times": FINITE, "values": FINITE}
