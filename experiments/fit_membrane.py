@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxves.analysis import fit
+from jaxves.analysis.observations import Model, Observations, shown
 from jaxves.inputs.scene_files import parse
 from jaxves.plots import run_plots
 from jaxves.stepping.marching import Adaptive
@@ -45,9 +46,9 @@ def scene(N, values=TRUTH):
 
 def clean(N, saves, tolerance, t_end):
     """What would be seen without noise, and the deviations of the noise."""
-    blank = fit.Observations(t_end, {name: np.zeros((saves, 1)) for name in SEEN}, dict.fromkeys(SEEN, 1.0))
-    shown = fit.shown(fit.Model.of(scene(2 * N), blank, Adaptive(0.1 * tolerance)), TRUTH)
-    return shown, {name: NOISE * float(np.max(np.abs(values))) for name, values in shown.items()}
+    blank = Observations(t_end, {name: np.zeros((saves, 1)) for name in SEEN}, dict.fromkeys(SEEN, 1.0))
+    seen = shown(Model.of(scene(2 * N), blank, Adaptive(0.1 * tolerance)), TRUTH)
+    return seen, {name: NOISE * float(np.max(np.abs(values))) for name, values in seen.items()}
 
 
 def run(trajectories=20, N=48, saves=64, tolerance=1e-5, t_end=0.2, factor=3.0):
@@ -60,9 +61,7 @@ def run(trajectories=20, N=48, saves=64, tolerance=1e-5, t_end=0.2, factor=3.0):
         seen = {name: values + deviation[name] * rng.normal(size=values.shape) for name, values in exact.items()}
         start = {name: value * factor ** rng.choice([-1, 1]) for name, value in TRUTH.items()}
         began = time.perf_counter()
-        found = fit.fit(
-            file, BOUNDS, fit.Observations(t_end, seen, deviation), starts=[start], march=Adaptive(tolerance)
-        )
+        found = fit.fit(file, BOUNDS, Observations(t_end, seen, deviation), starts=[start], march=Adaptive(tolerance))
         seconds = time.perf_counter() - began
         row = {"values": found.values, "intervals": found.intervals, "chi2": found.chi2, "loose": found.loose}
         row |= {

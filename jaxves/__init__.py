@@ -64,8 +64,9 @@ _PUBLIC = {
     "runs.runner": ("run",),
     "sweeps.sweeping": ("sweep",),
     "analysis.critical_field": ("critical_field",),
-    "analysis.fit": ("Observations", "fit"),
+    "analysis.fit": ("fit",),
     "analysis.gradcheck": ("check_gradients",),
+    "analysis.observations": ("Observations",),
     "analysis.sensitivity": ("AtEnd", "AtRest", "gradient", "hessian_product", "jacobian", "second_order"),
     "analysis.steady": ("steady_shape",),
 }

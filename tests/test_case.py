@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jaxves
-from jaxves.analysis import critical_field, fit, gradcheck, sensitivity
+from jaxves.analysis import critical_field, gradcheck, sensitivity
+from jaxves.analysis.observations import Model, Observations
 from jaxves.inputs import parameters, uses
 from jaxves.inputs.scene_files import SceneError, parse
 from jaxves.inputs.scene_tables import NumericsTable
@@ -52,7 +53,7 @@ def scene_file(numerics=None, vesicle=None, **tables):
 
 def begin(use, file):
     """What a user calls first in this use; returns the case that it computes, where it has one."""
-    observations = fit.Observations(0.01, {"deformation": np.zeros((1, 1))}, {"deformation": 1.0})
+    observations = Observations(0.01, {"deformation": np.zeros((1, 1))}, {"deformation": 1.0})
     match use:
         case uses.RUN:
             return Case.of(file, use)
@@ -61,7 +62,7 @@ def begin(use, file):
         case uses.SENSITIVITY:
             return sensitivity.AtEnd(file, ("deformation",))
         case uses.FIT:
-            return fit.Model.of(file, observations)
+            return Model.of(file, observations)
         case uses.CRITICAL_FIELD:
             return critical_field.critical_field(file, (1.0, 1.0))
         case uses.GRADIENT_CHECK:
@@ -112,8 +113,8 @@ def test_what_numerics_asks_for_is_what_every_use_computes_with(monkeypatch):
     case = Case.of(file, uses.SWEEP)
     jaxves.outcome.outcome(case, (), case.march(), case.scene({}))
     outcomes = [sensitivity.AtEnd(file, ("deformation",), 0.01)]
-    observations = fit.Observations(0.01, {"deformation": np.zeros((1, 2))}, {"deformation": 1.0})
-    outcomes.append(fit.Model.of(file, observations))
+    observations = Observations(0.01, {"deformation": np.zeros((1, 2))}, {"deformation": 1.0})
+    outcomes.append(Model.of(file, observations))
     for outcome in outcomes:
         eqx.filter_eval_shape(outcome, {"field.beta": jnp.asarray(1.0)})
     assert len(seen) >= 2  # sensitivities and fits march in the same way, and may share a program

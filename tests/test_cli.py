@@ -18,7 +18,7 @@ from conftest import stored
 
 from jaxves.cli.commands import answer
 from jaxves.inputs.scene_files import parse
-from jaxves.results import run_store
+from jaxves.results import hdf5, run_store, run_writer
 from jaxves.runs import runner
 
 VESICLE = "t_end = 0.05\nsaves = 5\n[[vesicle]]\nreduced_area = 0.9\nangle = 90.0\n"
@@ -137,7 +137,7 @@ def test_what_is_there_and_no_file_is_never_replaced(tmp_path, monkeypatch, out,
     words = "is no ordinary file" if out == "device" else "is a folder"
     assert_refused(call("run", "pop", "--out", out, *how), words, "expected the name of")
     assert_refused(call("show", out), words)
-    with pytest.raises(run_store.StoreError, match=words):
+    with pytest.raises(hdf5.StoreError, match=words):
         runner.run(parse(tomllib.loads(SCENE)), out, force=how == ["--force"], resume=how == ["--resume"])
     assert sorted(tmp_path.iterdir()) == before
 
@@ -175,7 +175,7 @@ def test_every_command_has_help(command):
 def test_without_a_command_there_is_help_and_the_version_is_told():
     code, out, _ = call()
     assert code == 0 and all(name in out for name in ("run", "sweep", "show", "plot", "scenes", "init", "units"))
-    assert call("--version")[:2] == (0, f"{run_store.version('jaxves')}\n")
+    assert call("--version")[:2] == (0, f"{run_writer.version('jaxves')}\n")
 
 
 def test_the_built_in_scenes_are_listed():

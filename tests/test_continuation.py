@@ -14,8 +14,8 @@ import xarray
 from conftest import Stops, stored
 
 from jaxves.inputs.scene_files import parse, to_toml
-from jaxves.results import run_store
-from jaxves.results.run_store import StoreError
+from jaxves.results import run_store, run_writer
+from jaxves.results.hdf5 import StoreError
 from jaxves.runs import runner
 from jaxves.runs.continuation import differing, is_done, saved_times
 
@@ -63,7 +63,7 @@ def held(path, scene_file, status):
     sizes = {"t": 2, "vesicle": 1, "node": 8, "xy": 2}
     block = {name: np.zeros([sizes[dim] for dim in dims]) for name, (_, _, dims, _) in datasets.items()}
     scene = {"scene_text": to_toml(scene_file), "times": saved_times(scene_file)}
-    with run_store.Writer(path, **scene, attributes={}, vesicles=1, nodes=8, datasets=datasets, force=True) as writer:
+    with run_writer.Writer(path, **scene, attributes={}, vesicles=1, nodes=8, datasets=datasets, force=True) as writer:
         writer.append(block, {"x": np.zeros(3)})
         writer.finish(status, "advice", 1.0)
     return path
@@ -205,7 +205,7 @@ def test_every_state_of_a_file_opens_in_xarray_as_a_tree_with_times(longer, tmp_
     assert runner.run(pop(0.06, 6), path, progress=Stops(3)) == "interrupted"
     opens(path, 4)
     # As a run leaves it that is killed once it has been continued.
-    run_store.resume(path, to_toml(pop(0.09, 9)), saved_times(pop(0.09, 9))).close()
+    run_writer.resume(path, to_toml(pop(0.09, 9)), saved_times(pop(0.09, 9))).close()
     opens(path, 4)
     assert runner.run(pop(0.09, 9), path, resume=True) == "complete"
     opens(path, 10)

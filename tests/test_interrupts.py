@@ -14,7 +14,7 @@ import pytest
 
 from jaxves.cli import interrupts
 from jaxves.cli.commands import answer
-from jaxves.results import hdf5, ownership, restart, run_store, sweep_store
+from jaxves.results import hdf5, ownership, restart, run_store, run_writer, sweep_store, sweep_writer
 from jaxves.runs import runner
 from jaxves.sweeps import sweeping
 
@@ -72,7 +72,7 @@ class Work:
     def run(self, scene_file, path, *, progress, **how):
         datasets = {name: described for name, described in run_store.HISTORY.items() if name != "V_m"}
         options = {"times": np.arange(9.0), "vesicles": 1, "nodes": 8, "datasets": datasets}
-        with run_store.Writer(path, scene_text="", attributes={}, **options) as writer:
+        with run_writer.Writer(path, scene_text="", attributes={}, **options) as writer:
             with contextlib.suppress(KeyboardInterrupt):
                 self.forever(lambda: progress(0.5, "half"))
             self.at_the_end()
@@ -166,7 +166,7 @@ def terminated_in(module):
     exec(compile("import signal; signal.raise_signal(signal.SIGTERM)", module.__file__, "exec"), {})
 
 
-@pytest.mark.parametrize("module", [run_store, hdf5, restart, ownership, sweep_store, json])
+@pytest.mark.parametrize("module", [run_store, run_writer, hdf5, restart, ownership, sweep_store, sweep_writer, json])
 def test_a_signal_waits_while_a_file_is_written_or_other_code_runs(module):
     """It may not leave a row or the end of a run half written, nor a library in the middle of something."""
     with interrupts.heard() as found:

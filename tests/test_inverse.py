@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxves.analysis import boxes, critical_field, differences, fit, gradcheck, sensitivity
+from jaxves.analysis.observations import Model, Observations, radii, shown
 from jaxves.analysis.steady import steady_shape
 from jaxves.cli.commands import answer
 from jaxves.cli.run_summary import derivatives
@@ -193,10 +194,10 @@ def test_bending_is_found_from_a_relaxation_and_a_place_that_nothing_tells_is_na
     """From three times too stiff; deformation says nothing about where the vesicle is."""
     file = parse(RELAXING | {"vesicle": [{"reduced_area": 0.9, "bending": 3.0}]})
     march, noise = Fixed(2), 1e-4
-    blank = fit.Observations(0.02, {"deformation": np.zeros((8, 1))}, {"deformation": noise})
+    blank = Observations(0.02, {"deformation": np.zeros((8, 1))}, {"deformation": noise})
 
     def deformation(bending):
-        return fit.shown(fit.Model.of(file, blank, march), {"vesicle.bending": bending})["deformation"]
+        return shown(Model.of(file, blank, march), {"vesicle.bending": bending})["deformation"]
 
     seen = deformation(1.0) + noise * np.random.default_rng(0).normal(size=(8, 1))
     observations = blank._replace(seen={"deformation": seen})
@@ -225,9 +226,9 @@ def test_a_start_with_which_the_run_breaks_down_leads_nowhere_and_the_others_cou
     """A tiny vesicle is too stiff for these few steps; from one twice too long the length is found."""
     file = parse(RELAXING | {"vesicle": [{"reduced_area": 0.9}]})
     march = Fixed(2)
-    blank = fit.Observations(0.02, {"deformation": np.zeros((8, 1))}, {"deformation": 1e-4})
-    model = fit.Model.of(file, blank, march)
-    seen = fit.shown(model, {"vesicle.length": 1.0})
+    blank = Observations(0.02, {"deformation": np.zeros((8, 1))}, {"deformation": 1e-4})
+    model = Model.of(file, blank, march)
+    seen = shown(model, {"vesicle.length": 1.0})
     bounds = {"vesicle.length": (0.01, 100.0)}
     observed = blank._replace(seen=seen)
     found = fit.fit(file, bounds, observed, starts=[{"vesicle.length": 0.02}, {"vesicle.length": 2.0}], march=march)
@@ -236,7 +237,7 @@ def test_a_start_with_which_the_run_breaks_down_leads_nowhere_and_the_others_cou
 
 
 def test_observations_without_a_deviation_are_refused():
-    observations = fit.Observations(0.1, {"deformation": np.zeros((3, 1))}, {})
+    observations = Observations(0.1, {"deformation": np.zeros((3, 1))}, {})
     with pytest.raises(ValueError, match="deformation is missing, expected a positive number"):
         fit.fit(parse(RELAXING), {"vesicle.bending": (0.1, 10.0)}, observations)
 
@@ -244,5 +245,5 @@ def test_observations_without_a_deviation_are_refused():
 def test_radii_of_an_ellipse():
     alpha = 2 * np.pi * np.arange(64) / 64
     x = jnp.asarray(np.stack([2 * np.cos(alpha) + 1, np.sin(alpha)], axis=-1))[None]
-    found = fit.radii(x, 4)
+    found = radii(x, 4)
     np.testing.assert_allclose(found, [[2.0, 1.0, 2.0, 1.0]], atol=1e-3)

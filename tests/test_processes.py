@@ -22,9 +22,10 @@ from jaxves.cli.commands import answer
 from jaxves.inputs.scene_files import parse
 from jaxves.numerics import fourier
 from jaxves.results import ownership, run_store, sweep_store
+from jaxves.results.hdf5 import StoreError
 from jaxves.results.ownership import writer_of, writing
-from jaxves.results.run_store import StoreError
 from jaxves.runs import runner
+from jaxves.runs.adapt_nodes import Resolution
 from jaxves.runs.earlier import started_from
 
 SCENE = """t_end = {t_end}
@@ -87,8 +88,8 @@ def interrupt():
 HOLDER = """
 import sys
 from pathlib import Path
-from jaxves.earlier import started_from
-from jaxves.ownership import writing
+from jaxves.runs.earlier import started_from
+from jaxves.results.ownership import writing
 
 with writing(Path(sys.argv[1])):
     print("holding", flush=True)
@@ -261,7 +262,7 @@ def test_a_run_whose_file_is_taken_away_keeps_its_rows_elsewhere_and_says_so(tmp
     path, kept = tmp_path / "out.h5", tmp_path / "out.lost.h5"
     (tmp_path / "scene.toml").write_text(text())
     monkeypatch.setattr(runner, "_SECONDS", seconds)
-    stepped = runner.Resolution.stepped
+    stepped = Resolution.stepped
 
     def then_taken(self, state, t_save):
         if t_save == 0.02:
@@ -269,7 +270,7 @@ def test_a_run_whose_file_is_taken_away_keeps_its_rows_elsewhere_and_says_so(tmp
         return stepped(self, state, t_save)
 
     with monkeypatch.context() as patch:
-        patch.setattr(runner.Resolution, "stepped", then_taken)
+        patch.setattr(Resolution, "stepped", then_taken)
         code, out, err = call("run", tmp_path / "scene.toml", "--out", path)
     assert (code, out) == (3, "")
     assert "\n" not in err and str(path) in err and str(kept) in err

@@ -11,7 +11,7 @@ from jaxves.equation.equation import Filter
 from jaxves.inputs.scene_files import parse
 from jaxves.numerics import fourier
 from jaxves.observables.certificate import certificate
-from jaxves.results import run_store
+from jaxves.results import hdf5, run_store, run_writer
 from jaxves.runs import problem, runner
 from jaxves.stepping import marching
 
@@ -78,7 +78,7 @@ def test_a_file_is_resumed_with_its_own_scene_only(tmp_path):
     path = tmp_path / "pop.h5"
     runner.run(pop(), path, progress=Stops(3))
     before = path.read_bytes()
-    with pytest.raises(run_store.StoreError, match="another scene"):
+    with pytest.raises(hdf5.StoreError, match="another scene"):
         runner.run(pop(area=0.8), path, resume=True)
     assert path.read_bytes() == before
 
@@ -99,21 +99,21 @@ def test_a_run_that_breaks_down_keeps_its_rows_and_says_why(tmp_path):
     assert word == record.status and word not in {*status.SUCCESS, "interrupted"}
     assert 1 <= len(record.t) < 61 and np.all(np.isfinite(record.t)) and np.all(np.isfinite(record.x))
     assert record.attributes["advice"] == status.ADVICE[word]
-    with pytest.raises(run_store.StoreError, match=word):
+    with pytest.raises(hdf5.StoreError, match=word):
         runner.run(pop(area=0.4, t_end=0.6, saves=60, average="average = [0.0, 0.6]\n"), path, resume=True)
 
 
 def test_a_disk_that_fails_ends_the_run_with_its_reason(tmp_path, monkeypatch):
     path = tmp_path / "full.h5"
-    append = run_store.Writer.append
+    append = run_writer.Writer.append
 
     def until_full(self, block, restart):
         if self.saved >= 4:
-            raise run_store.StoreError(f"cannot write {path}: No space left on device")
+            raise hdf5.StoreError(f"cannot write {path}: No space left on device")
         append(self, block, restart)
 
     monkeypatch.setattr(runner, "_SECONDS", 0.0)
-    monkeypatch.setattr(run_store.Writer, "append", until_full)
+    monkeypatch.setattr(run_writer.Writer, "append", until_full)
     with pytest.raises(runner.Broken, match="No space left"):
         runner.run(pop(), path)
     assert len(run_store.read_result(path).t) == 4
@@ -141,7 +141,7 @@ def test_a_vesicle_that_does_not_relax_is_named_in_the_file(tmp_path):
     record = run_store.read_result(path)
     assert word == record.status not in status.SUCCESS
     assert len(record.t) == 1 and "vesicle 0 did not relax" in record.attributes["advice"]
-    with pytest.raises(run_store.StoreError):
+    with pytest.raises(hdf5.StoreError):
         runner.run(quiet(area=0.15), path, resume=True)
 
 

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxves.results.run_store import HISTORY, Description, StoreError, Writer, read_result, resume, state
+from jaxves.results.hdf5 import Description, StoreError
+from jaxves.results.run_store import HISTORY, read_result, state
+from jaxves.results.run_writer import Writer, resume
 
 SCENE = 'β = 1\n"x" = 2'
 TIMES = np.linspace(0.0, 1.0, 6)
@@ -255,7 +257,9 @@ def test_xarray_sees_names_and_coordinates(tmp_path, history, finished):
 ENDLESS_RUN = """
 import sys
 import numpy as np
-from jaxves.results.run_store import HISTORY, Description, Writer
+from jaxves.results.hdf5 import Description
+from jaxves.results.run_store import HISTORY
+from jaxves.results.run_writer import Writer
 
 assert "jax" not in sys.modules
 saves, M, N = 20_000, 2, 64
@@ -331,7 +335,9 @@ def test_a_file_that_another_program_has_open_can_be_continued(tmp_path, history
 FULL_DISK = """
 import resource, signal, sys
 import numpy as np
-from jaxves.results.run_store import HISTORY, StoreError, Writer, read_result
+from jaxves.results.hdf5 import StoreError
+from jaxves.results.run_store import HISTORY, read_result
+from jaxves.results.run_writer import Writer
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 path = sys.argv[1]

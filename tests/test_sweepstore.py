@@ -8,7 +8,8 @@ import pytest
 from jaxves.inputs.sweep_files import parse, plan
 from jaxves.results import sweep_store
 from jaxves.results.hdf5 import StoreError
-from jaxves.results.sweep_store import SweepWriter, Variable
+from jaxves.results.sweep_store import Variable
+from jaxves.results.sweep_writer import SweepWriter
 
 BETA, CONDUCTANCE = "field.beta", "field.membrane_conductance"
 PLAN = plan(parse({"scene": "pop", "axes": {BETA: [1.0, 2.0, 3.0], CONDUCTANCE: [0.0, 0.1]}}))

@@ -6,8 +6,9 @@ import xarray
 from test_store import AVERAGES, DATASETS, SIZES, STATES
 from test_sweepstore import PLAN, VARIABLES
 
-from jaxves.results import run_store
-from jaxves.results.sweep_store import SweepWriter, Variable, history
+from jaxves.results import hdf5, run_writer
+from jaxves.results.sweep_store import Variable, history
+from jaxves.results.sweep_writer import SweepWriter
 
 TIMES = np.linspace(0.0, 1.0, SIZES["t"])
 HISTORY = {
@@ -21,7 +22,7 @@ def block(first, last):
 
 
 def new(path):
-    return run_store.Writer(path, scene_text="", attributes={}, times=TIMES, vesicles=2, nodes=8, datasets=DATASETS)
+    return run_writer.Writer(path, scene_text="", attributes={}, times=TIMES, vesicles=2, nodes=8, datasets=DATASETS)
 
 
 def just_begun(path):
@@ -35,7 +36,7 @@ def killed(path):
 
 def killed_twice(path):
     killed(path)
-    with run_store.resume(path, "", TIMES) as writer:
+    with run_writer.resume(path, "", TIMES) as writer:
         writer.append(block(4, 5), STATES[4])
 
 
@@ -48,7 +49,7 @@ def interrupted(path):
 
 def resumed(path):
     interrupted(path)
-    with run_store.resume(path, "", TIMES) as writer:
+    with run_writer.resume(path, "", TIMES) as writer:
         writer.append(block(4, 6), STATES[5])
         writer.finish("complete", "", 1.0, AVERAGES)
 
@@ -118,5 +119,5 @@ def test_a_sweep_opens_as_a_tree_with_its_axes(tmp_path, finished):
         np.testing.assert_allclose(area.t, scene.t_end * np.arange(3) / scene.saves)
     with xarray.open_dataset(tmp_path / "sweep.h5", group="history", engine="h5netcdf") as data:
         np.testing.assert_array_equal(data.area.sel(axes)[:, 0], np.arange(3.0))
-    with pytest.raises(run_store.StoreError, match="keeps no history of t"):
+    with pytest.raises(hdf5.StoreError, match="keeps no history of t"):
         history(tmp_path / "sweep.h5", "t", (1, 1))

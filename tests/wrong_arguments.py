@@ -11,6 +11,7 @@ import numpy as np
 
 import jaxves
 from jaxves.analysis import critical_field, fit, gradcheck, sensitivity
+from jaxves.analysis.observations import Observations
 from jaxves.inputs.scene_files import parse
 from jaxves.stepping.control import Adaptive, Fixed
 
@@ -38,7 +39,7 @@ def case(**tables):
 
 def observed(**changed):
     values = {"t_end": 0.1, "seen": {"deformation": np.zeros((2, 1))}, "deviation": {"deformation": 0.1}}
-    return fit.Observations(**(values | changed))
+    return Observations(**(values | changed))
 
 
 def fitted(bounds, **changed):

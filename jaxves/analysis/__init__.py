@@ -4,6 +4,9 @@ steady          steady shapes by Newton's method
 sensitivity     first and second derivatives of what a run gives
 differences, gradcheck  derivatives against finite differences
 boxes           numbers in bounds as numbers without
-fit             numbers from observations
+observations    what was observed, and the model that shows the same
+search          the search for the best numbers from one start
+kept_starts     starts of a fit that are done, in a file
+fit             numbers from observations: all starts, and what their best end is worth
 critical_field  the field beyond which a vesicle does not stay prolate
 """

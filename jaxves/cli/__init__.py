@@ -1,6 +1,7 @@
 """The command line.
 
-commands        the commands and their options
+commands        the commands
+options         their arguments and options
 console         exit statuses, and lines on the terminal
 interrupts      Ctrl-C, SIGTERM, `--max-time`
 long_runs       progress and end of long work

@@ -15,12 +15,12 @@ from ..inputs import sweep_files
 from ..inputs.scene_files import SceneError, built_in_scenes, read_scene
 from ..inputs.template import TEMPLATE
 from ..results import run_store, sweep_store
+from ..results.hdf5 import StoreError
 from ..results.ownership import refuse_written
-from ..results.run_store import Record, StoreError
+from ..results.run_store import Record
 from ..results.sweep_store import SweepRecord
 from ..runs import continuation
-from . import console, interrupts, long_runs, pictures, sweep_summary
-from .pictures import Picture
+from . import console, interrupts, long_runs, options, pictures, sweep_summary
 from .run_summary import derivatives, summary
 
 app = typer.Typer(
@@ -29,16 +29,6 @@ app = typer.Typer(
     help="Vesicles in two-dimensional Stokes flow under electric fields. Start with: jaxves run pop --out pop.h5",
 )
 _UsageError = typer.BadParameter.__base__  # typer has it in different places
-
-Force = Annotated[bool, typer.Option("--force", help="Replace what is there already.")]
-MaxTime = Annotated[
-    str | None,
-    typer.Option(
-        "--max-time",
-        help="Stop in time to be done by then, as Ctrl-C does: seconds, 90m, 1.5h, 1:30:00, 2-12:00:00. A tenth of it, "
-        "at most a minute, is left for the end. Exit status 130.",
-    ),
-]
 
 
 def answer(arguments: list[str]) -> int:
@@ -75,22 +65,13 @@ def _main(
 
 @app.command()
 def run(
-    scene: Annotated[str, typer.Argument(help="A scene file (TOML), or the name of a built-in scene.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The result file (HDF5).")],
-    force: Force = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where the result file ends, also to a larger t_end of the scene.")
-    ] = False,
-    start: Annotated[
-        Path | None,
-        typer.Option(
-            "--from",
-            help="Start from the end of this result file: its nodes and, where both have a field, its membrane "
-            "potential replace shapes, places, `relaxed` and `disturbance` of the scene's vesicles.",
-        ),
-    ] = None,
-    at: Annotated[float | None, typer.Option("--at", help="With --from: at its saved time nearest to this.")] = None,
-    max_time: MaxTime = None,
+    scene: options.Scene,
+    out: options.RunOut,
+    force: options.Force = False,
+    resume: options.RunResume = False,
+    start: options.From = None,
+    at: options.At = None,
+    max_time: options.MaxTime = None,
 ) -> None:
     """Simulate a scene."""
     limit = _limit(max_time)
@@ -120,18 +101,18 @@ def run(
 
 @app.command()
 def sweep(
-    file: Annotated[Path, typer.Argument(help="A sweep file (TOML): a scene, and which numbers take which values.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The file of results (HDF5).")],
-    force: Force = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where the file of results ends.")] = False,
-    devices: Annotated[int | None, typer.Option("--devices", min=1, help="Default: all cores, or all GPUs.")] = None,
-    batch: Annotated[int | None, typer.Option("--batch", min=1, help="Cases per device and call.")] = None,
-    method: Annotated[str | None, typer.Option("--method", help="map (default on CPU) or vmap (on GPU).")] = None,
-    distributed: Annotated[bool, typer.Option("--distributed", help="One of several, as Slurm says.")] = False,
-    coordinator: Annotated[str | None, typer.Option("--coordinator", help="HOST:PORT of process 0.")] = None,
-    processes: Annotated[int | None, typer.Option("--processes", min=1, help="How many there are.")] = None,
-    process: Annotated[int | None, typer.Option("--process", min=0, help="Which one this is, from 0.")] = None,
-    max_time: MaxTime = None,
+    file: options.SweepFile,
+    out: options.SweepOut,
+    force: options.Force = False,
+    resume: options.SweepResume = False,
+    devices: options.Devices = None,
+    batch: options.Batch = None,
+    method: options.Method = None,
+    distributed: options.Distributed = False,
+    coordinator: options.Coordinator = None,
+    processes: options.Processes = None,
+    process: options.Process = None,
+    max_time: options.MaxTime = None,
 ) -> None:
     """Compute many cases of one scene."""
     limit = _limit(max_time)
@@ -180,24 +161,19 @@ def _loaded(path: Path) -> Record | SweepRecord:
 
 
 @app.command()
-def show(file: Annotated[Path, typer.Argument(help="A result file.")]) -> None:
+def show(file: options.ResultFile) -> None:
     """Summarise a result in a few lines."""
     _summarise(_loaded(file), file)
 
 
 @app.command()
 def plot(
-    file: Annotated[Path, typer.Argument(help="A result file.")],
-    what: Annotated[
-        list[Picture] | None,
-        typer.Option("--what", "-w", help="May be repeated. Default: snapshots and history; of a sweep what suits it."),
-    ] = None,
-    quantity: Annotated[
-        str | None, typer.Option("--quantity", "-q", help="Of a sweep: what map and curves show.")
-    ] = None,
-    at: Annotated[float | None, typer.Option("--at", help="Time of the lines, in t_κ. Default: the end.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Stem of the picture files. Default: FILE's.")] = None,
-    force: Force = False,
+    file: options.ResultFile,
+    what: options.What = None,
+    quantity: options.Quantity = None,
+    at: options.PlotAt = None,
+    out: options.Stem = None,
+    force: options.Force = False,
 ) -> None:
     """Draw a result: FILE-snapshots.png and so on."""
     record, stem = _loaded(file), out or file.with_suffix("")
@@ -209,9 +185,9 @@ def plot(
 
 @app.command("check-grad")
 def check_grad(
-    scene: Annotated[str, typer.Argument(help="A scene file (TOML), or the name of a built-in scene.")],
-    t_end: Annotated[float, typer.Option("--t-end", help="Where diagnostics are taken, in t_κ.")] = 0.02,
-    steps: Annotated[int, typer.Option("--steps", min=1, help="Fixed steps until then.")] = 20,
+    scene: options.Scene,
+    t_end: options.CheckedTime = 0.02,
+    steps: options.CheckedSteps = 20,
 ) -> None:
     """Compare derivatives in all numbers of a scene: forward, reverse, differences. Exit status 3 if they disagree."""
     try:
@@ -245,9 +221,7 @@ def scenes() -> None:
 
 
 @app.command()
-def init(
-    file: Annotated[Path, typer.Argument(help="The scene file to write.")] = Path("scene.toml"), force: Force = False
-) -> None:
+def init(file: options.NewScene = Path("scene.toml"), force: options.Force = False) -> None:
     """Write a commented scene file to start from."""
     console.refuse_existing([file], force)
     file.write_text(TEMPLATE, encoding="utf-8")
@@ -258,21 +232,17 @@ def init(
 
 @app.command()
 def units(
-    a: Annotated[float, typer.Option("--a", help="Size, perimeter / 2π, in m.")],
-    E: Annotated[float, typer.Option("--E", help="Field strength, in V/m.")],
-    sigma_i: Annotated[float, typer.Option("--sigma-i", help="Conductivity inside, in S/m.")],
-    sigma_e: Annotated[float, typer.Option("--sigma-e", help="Conductivity outside, in S/m.")],
-    epsilon: Annotated[
-        float, typer.Option("--epsilon", help="Permittivity outside, absolute, in F/m; of water 7e-10.")
-    ],
-    C_m: Annotated[float, typer.Option("--C-m", help="Membrane capacitance, in F/m².")],
-    kappa_B: Annotated[float, typer.Option("--kappa-B", help="Bending stiffness, in J.")],
-    mu: Annotated[float, typer.Option("--mu", help="Viscosity, in Pa s.")],
-    G_m: Annotated[float, typer.Option("--G-m", help="Membrane conductance, in S/m².")] = 0.0,
-    shear_rate: Annotated[float, typer.Option("--shear-rate", help="Shear rate, in 1/s.")] = 0.0,
-    reduced_area: Annotated[
-        float, typer.Option("--reduced-area", help="4π area / perimeter², for the estimates of the regime.")
-    ] = 0.9,
+    a: options.Size,
+    E: options.FieldStrength,
+    sigma_i: options.SigmaInside,
+    sigma_e: options.SigmaOutside,
+    epsilon: options.Permittivity,
+    C_m: options.Capacitance,
+    kappa_B: options.BendingStiffness,
+    mu: options.Viscosity,
+    G_m: options.Conductance = 0.0,
+    shear_rate: options.ShearRate = 0.0,
+    reduced_area: options.ReducedArea = 0.9,
 ) -> None:
     """Convert laboratory quantities to the model's numbers, and say where the model ends for them.
 

@@ -18,8 +18,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from ..base import status
 from ..inputs.scene_files import SceneError, SceneFile
 from ..results import sweep_store
+from ..results.hdf5 import StoreError
 from ..results.ownership import LostFile
-from ..results.run_store import StoreError
 from ..results.sweep_store import SweepRecord
 from . import interrupts
 from .console import BROKE_DOWN, err, out, refused, say

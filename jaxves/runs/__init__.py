@@ -8,5 +8,7 @@ adapt_nodes     more nodes when they are needed
 error_estimate  the error of a whole run, from a coarser one
 earlier         a run that starts from another
 continuation    a run that goes on from its own file
+rows            rows on their way into the result file
+beginning       how a run begins: new, from an earlier one, or at the end of its own file
 runner          `run`
 """

@@ -16,7 +16,7 @@ from ..base import status
 from ..inputs.scene_files import SceneError, parse
 from ..inputs.scene_tables import SceneFile
 from ..results import run_store
-from ..results.run_store import StoreError
+from ..results.hdf5 import StoreError
 
 _TO_BE_CONTINUED = tuple(status.WORDS[code] for code in (status.RUNNING, status.INTERRUPTED, status.TOO_MANY_STEPS))
 _MAY_DIFFER = ("t_end", "saves", "numerics.certify")  # the last says what is done after the end

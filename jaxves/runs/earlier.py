@@ -12,7 +12,8 @@ from ..inputs.scene_tables import SceneFile
 from ..numerics.fourier import evaluate
 from ..physics.scene import Scene
 from ..results import run_store
-from ..results.run_store import Record, StoreError
+from ..results.hdf5 import StoreError
+from ..results.run_store import Record
 from .adapt_nodes import finer_rows
 from .build import build
 from .problem import AUTO_NODES

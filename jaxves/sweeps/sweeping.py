@@ -25,7 +25,8 @@ from ..observables import quantities
 from ..results import sweep_store
 from ..results.hdf5 import StoreError
 from ..results.ownership import LostFile, real, writing
-from ..results.sweep_store import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, SweepWriter, Variable
+from ..results.sweep_store import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, Variable
+from ..results.sweep_writer import SweepWriter
 from . import processes, refinement
 from .batches import METHODS, Batches
 

@@ -1,0 +1,58 @@
+"""The starts of a fit that are done, in a file (JSON), so that a fit called again does not search from them again."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..inputs.scene_files import to_toml
+from ..inputs.scene_tables import SceneFile
+from ..stepping.marching import AbstractMarch
+from .boxes import Box
+from .observations import Observations
+from .search import Start
+
+
+def fingerprint(
+    scene_file: SceneFile,
+    inside: Mapping[str, Box],
+    observations: Observations,
+    march: AbstractMarch,
+    tolerance: float,
+) -> str:
+    """A hash of all that the ends of the searches depend on; the starts themselves and their number are not in it."""
+    text = [to_toml(scene_file), repr(sorted(inside.items())), repr(march), repr(tolerance), repr(observations.t_end)]
+    for name in sorted(observations.seen):
+        text += [name, repr(np.asarray(observations.seen[name]).tolist()), repr(float(observations.deviation[name]))]
+    return hashlib.sha256("\n".join(text).encode()).hexdigest()
+
+
+def resumed(checkpoint: str | Path | None, mark: str) -> list[Start]:
+    """The starts in the file; none without a file.
+
+    Raises:
+        ValueError: the file is of another fit, or of something else.
+    """
+    if checkpoint is None or not Path(checkpoint).exists():
+        return []
+    try:
+        kept = json.loads(Path(checkpoint).read_text())
+        found, starts = kept["fit"], [Start(**start) for start in kept["starts"]]
+    except (ValueError, KeyError, TypeError):
+        raise ValueError(f"checkpoint = {checkpoint}, expected the starts of an earlier fit (JSON).") from None
+    if found != mark:
+        raise ValueError(f"checkpoint = {checkpoint}, expected that of the same scene, bounds and observations.")
+    return starts
+
+
+def keep(checkpoint: str | Path | None, mark: str, done: list[Start]) -> None:
+    """Writes the starts into the file, which is a whole one at every moment."""
+    if checkpoint is None:
+        return
+    path = Path(checkpoint)
+    part = path.with_name(path.name + ".part")
+    part.write_text(json.dumps({"fit": mark, "starts": [start._asdict() for start in done]}, indent=1) + "\n")
+    os.replace(part, path)

@@ -1,0 +1,101 @@
+"""What was observed of a vesicle, and the model that shows the same quantities for given numbers of a scene.
+
+observed = {"deformation_along_field": D}, any diagnostics (T, …) at t_end k/T, k = 1 … T, and "radii" (T, M, K)
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base import status
+from ..base.arguments import require
+from ..base.bounds import POSITIVE
+from ..geometry import curve as geometry
+from ..geometry.curve import Curve
+from ..inputs.scene_tables import SceneFile
+from ..inputs.uses import FIT
+from ..numerics import fourier
+from ..numerics.arrays import VesiclePoints, as_float
+from ..runs.case import Case
+from ..stepping.marching import AbstractMarch
+
+
+class Observations(NamedTuple):
+    """What was seen at the T equally spaced times up to `t_end`, by name, and its standard deviations."""
+
+    t_end: float
+    seen: dict[str, Float[np.ndarray, "T ..."]]
+    deviation: dict[str, float]
+
+
+def radii(x: VesiclePoints, K: int) -> Float[Array, "M K"]:
+    """Distance from the centroid to the outline in K directions, from x on: how an observed shape is given.
+
+    Of outlines that a ray from the centroid meets once; cubic in the node spacing over four.
+    """
+
+    def one(x):
+        fine = fourier.resample(x, 4 * x.shape[0], axis=0) - geometry.centroid(Curve.from_nodes(x))
+        angle = jnp.unwrap(jnp.arctan2(fine[:, 1], fine[:, 0]))
+        radius = jnp.sqrt(jnp.sum(fine**2, axis=-1))
+        wanted = 2 * jnp.pi * jnp.arange(K) / K
+        return jnp.interp(wanted, angle, radius, period=2 * jnp.pi)
+
+    return jax.vmap(one)(x)
+
+
+class Model(eqx.Module):
+    """What a run with these numbers would show at the times of the observations."""
+
+    scene_file: SceneFile = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    directions: int = eqx.field(static=True)  # of "radii"
+    saves: int = eqx.field(static=True)
+    t_end: float = eqx.field(static=True)
+    march: AbstractMarch
+
+    @classmethod
+    def of(cls, scene_file: SceneFile, observations: Observations, march: AbstractMarch | None = None) -> "Model":
+        """Raises ValueError for observations that do not fit together, SceneError for keys that no fit can honour."""
+        require("observations.t_end", observations.t_end, POSITIVE)
+        counts = {len(values) for values in observations.seen.values()}
+        if len(counts) != 1 or 0 in counts:
+            raise ValueError(f"observations.seen: {sorted(counts)} times, expected the same number of all, at least 1.")
+        for name in observations.seen:
+            if not observations.deviation.get(name, 0.0) > 0:
+                raise ValueError(f"observations.deviation: {name} is missing, expected a positive number.")
+            if not np.all(np.isfinite(observations.seen[name])):
+                raise ValueError(f"observations.seen: {name} has entries that are not finite, expected finite numbers.")
+        directions = np.shape(observations.seen["radii"])[-1] if "radii" in observations.seen else 0
+        saves = counts.pop()
+        case = Case.of(scene_file, FIT)
+        march = (case.march(observations.t_end, saves) if march is None else march).forwards()
+        return cls(scene_file, tuple(sorted(observations.seen)), directions, saves, observations.t_end, march)
+
+    def __call__(self, values: Mapping[str, Array]) -> dict[str, Float[Array, "T ..."]]:
+        """NaN where the run does not reach its end."""
+        result = Case(self.scene_file).simulate(values, t_end=self.t_end, saves=self.saves, march=self.march)
+        complete = result.status == status.COMPLETE
+        found = {name: jnp.where(complete, value, jnp.nan) for name, value in result.diagnostics.items()}
+        if self.directions:
+            found["radii"] = jnp.where(complete, jax.vmap(lambda x: radii(x, self.directions))(result.x), jnp.nan)
+        for name in self.names:
+            if name not in found:
+                raise ValueError(f"observations.seen: {name!r}, expected some of radii, {', '.join(sorted(found))}.")
+        return {name: found[name][1:] for name in self.names}
+
+
+@eqx.filter_jit
+def _shown(model: Model, values):
+    return model(values)
+
+
+def shown(model: Model, values: Mapping[str, float]) -> dict[str, Float[np.ndarray, "T ..."]]:
+    """What the model shows with these numbers: to make or to draw observations."""
+    found = _shown(model, {name: as_float(value) for name, value in values.items()})
+    return {name: np.asarray(history) for name, history in found.items()}

@@ -1,0 +1,114 @@
+"""The search for the least χ² from one point: what `fit` does for each of its starts.
+
+The numbers are searched in the coordinates of `boxes`. A trust region (SciPy's `least_squares`) takes a run that breaks
+down for too long a step. The derivatives are forward: P unknowns cost P tangents of a run.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from ..inputs.parameters import numbers
+from ..inputs.scene_tables import SceneFile
+from ..numerics.arrays import as_float
+from . import boxes
+from .boxes import Box
+from .observations import Model, Observations
+
+
+class Start(NamedTuple):
+    """Where one search began and ended."""
+
+    began: dict[str, float]
+    ended: dict[str, float]
+    chi2: float
+    iterations: int
+    converged: bool
+
+
+class Target(NamedTuple):
+    """What is minimised: the model, the bounds of its numbers, and the observations with their deviations."""
+
+    model: Model
+    inside: tuple[tuple[str, Box], ...]
+    seen: dict[str, Float[Array, "T ..."]]
+    deviation: dict[str, Float[Array, ""]]
+
+    @classmethod
+    def of(cls, model: Model, inside: Mapping[str, Box], observations: Observations) -> "Target":
+        """The target of a fit."""
+        seen = {name: as_float(values) for name, values in observations.seen.items()}
+        return cls(model, tuple(inside.items()), seen, {name: as_float(observations.deviation[name]) for name in seen})
+
+
+@eqx.filter_jit
+def linearised(c: Float[Array, "P"], target: Target) -> tuple[Float[Array, "R"], Float[Array, "R P"]]:
+    """Residuals and their Jacobian in the coordinates; NaN where the run breaks down."""
+    model, inside, seen, deviation = target
+
+    def both(c):
+        shown = model(boxes.to_values(c, dict(inside)))
+        r = jnp.concatenate([jnp.ravel((shown[name] - seen[name]) / deviation[name]) for name in model.names])
+        return r, r
+
+    jacobian, r = jax.jacfwd(both, has_aux=True)(c)
+    return r, jacobian
+
+
+def starting_points(
+    inside: Mapping[str, Box], scene_file: SceneFile, count: int, seed: int = 0
+) -> list[dict[str, float]]:
+    """The scene's own numbers, then `count` - 1 more spread over the boxes (Sobol's sequence)."""
+    own = numbers(scene_file)
+    points = [{name: own[name] for name in inside}]
+    if count > 1:
+        spread = 0.1 + 0.8 * qmc.Sobol(len(inside), seed=seed).random(1 << (count - 2).bit_length())[: count - 1]
+        lower, upper = np.transpose([box.ends() for box in inside.values()])
+        for place in lower + (upper - lower) * spread:
+            values = boxes.to_values(as_float(place), inside)
+            points.append({name: float(value) for name, value in values.items()})
+    return points
+
+
+def trust_region(point: Mapping[str, float], target: Target, tolerance: float, max_steps: int) -> Start:
+    """The end of a trust-region search from `point`, with at most `max_steps` runs; χ² is infinite if the first breaks.
+
+    The search ends when a step changes the coordinates or χ² by less than `tolerance`, relative.
+    """
+    inside = dict(target.inside)
+    first = boxes.to_coordinates(point, inside)
+    last = {}
+
+    def residuals(c):
+        r, last["jacobian"] = map(np.asarray, linearised(as_float(c), target))
+        last["c"] = np.array(c)
+        return r
+
+    def jacobian(c):
+        if not np.array_equal(c, last["c"]):
+            residuals(c)
+        return last["jacobian"]
+
+    if not np.all(np.isfinite(residuals(first))):
+        return Start(dict(point), dict(point), math.inf, 1, False)
+    found = least_squares(
+        residuals,
+        first,
+        jacobian,
+        bounds=np.transpose([box.ends() for box in inside.values()]),
+        x_scale="jac",
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=None,
+        max_nfev=max_steps,
+    )
+    ended = {name: float(value) for name, value in boxes.to_values(as_float(found.x), inside).items()}
+    return Start(dict(point), ended, 2 * float(found.cost), int(found.nfev), found.status > 0)

@@ -1,0 +1,104 @@
+"""How a run begins: with a new result file, from the end of an earlier one, or at the last row of its own."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..inputs.scene_files import to_toml
+from ..inputs.scene_tables import SceneFile
+from ..physics.scene import Scene
+from ..results import run_store, run_writer
+from ..stepping.marching import State
+from .adapt_nodes import Resolution, resolution_of
+from .build import build
+from .case import Case
+from .continuation import saved_times
+from .earlier import started_from
+from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
+from .rows import Rows, description, restored
+
+# In the restart: nodes (relaxed and all) and, where it does not vanish, potential at t = 0, before they were filtered.
+_START, _START_V_m = "start", "start_V_m"
+
+Progress = Callable[[float, str], None]  # time reached, what to say of it
+
+
+class Begun(NamedTuple):
+    """A run with its file open, at the last row in it."""
+
+    resolution: Resolution
+    state: State
+    rows: Rows
+    failed: NotRelaxed | None = None
+
+
+def _started(
+    scene_file: SceneFile, start: str | Path | None, at: float | None, progress: Progress
+) -> tuple[Scene, dict[str, str], NotRelaxed | None]:
+    """The scene at t = 0, what the file shall say of its origin, and why it has not come to rest if it had to."""
+    if start is not None:
+        scene, words = started_from(start, at, scene_file)
+        return scene, {"started_from": words}, None
+    scene = starting_scene(scene_file)
+    if any(vesicle.relaxed for vesicle in scene_file.vesicles()):
+        progress(0.0, "relaxing")
+        try:
+            scene = relaxed(Case(scene_file), scene)
+        except NotRelaxed as error:
+            return scene, {}, error
+    return scene, {}, None
+
+
+def new(
+    scene_file: SceneFile, path: Path, force: bool, start: str | Path | None, at: float | None, progress: Progress
+) -> Begun:
+    """A new run, with its first row in the file. The arguments are those of `runner.run`."""
+    case, (scene, origin, failed) = Case(scene_file), _started(scene_file, start, at, progress)
+    progress(0.0, "compiling")
+    problem = strengthened(problem_of(case, scene))
+    resolution = resolution_of(scene_file, problem)
+    state, row = resolution.row(problem.state, 0.0)
+    row = resolution.stored(row)
+    # Nothing has moved; but a start may be beyond the limits already.
+    state = eqx.tree_at(lambda s: s.status, problem.state, state.status)
+    _, M, N = row["x"].shape[:3]
+    symmetry = problem.equation.symmetry
+    writer = run_writer.Writer(
+        path,
+        scene_text=to_toml(scene_file),
+        attributes={"device": str(jax.devices()[0]), "symmetry": "" if symmetry is None else symmetry.kept} | origin,
+        times=saved_times(scene_file),
+        vesicles=M,
+        nodes=N,
+        datasets={name: description(name) for name in row},
+        force=force,
+    )
+    given = {_START: scene.x} | ({} if scene.V_m is None else {_START_V_m: scene.V_m})
+    rows = Rows(writer, None if failed else {name: np.asarray(leaf) for name, leaf in given.items()})
+    rows.add(row, state)
+    rows.write()
+    return Begun(resolution, state, rows, failed)
+
+
+def continued(scene_file: SceneFile, path: Path) -> Begun:
+    """The run in the file, at its last row.
+
+    Nodes are not sought and vesicles not relaxed again: the file has the start.
+    """
+    deformation = run_store.read_result(path).diagnostics.get("deformation_along_field", ())
+    leaves = run_store.state(path)
+    start = {name: leaves.pop(name) for name in (_START, _START_V_m) if name in leaves}
+    given = jnp.asarray(start[_START]), jnp.asarray(start[_START_V_m]) if _START_V_m in start else None
+    scene = eqx.tree_at(lambda s: (s.x, s.V_m), build(scene_file), given, is_leaf=lambda leaf: leaf is None)
+    problem = strengthened(problem_of(Case(scene_file), scene))
+    state = restored(problem.state, leaves, path)
+    # Until here the file is untouched, whatever fails or interrupts.
+    rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start)
+    rows.deformation.extend(deformation)
+    rows.state = state
+    return Begun(resolution_of(scene_file, problem), rows.state, rows)

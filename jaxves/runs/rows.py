@@ -1,0 +1,88 @@
+"""Rows of a run on their way into its result file, each with the state from which the run can be continued."""
+
+import time
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..base import status
+from ..observables import quantities
+from ..results.hdf5 import Description, StoreError
+from ..results.run_store import HISTORY, read_result
+from ..results.run_writer import Writer
+from ..stepping.marching import State
+
+_SECONDS = 0.5  # between writes: what a killed run may lose
+
+
+def named(state: State) -> dict[str, np.ndarray]:
+    """The arrays of a state, by their names in the restart."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(state)
+    return {jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf) for path, leaf in leaves}
+
+
+def restored(template: State, leaves: dict[str, np.ndarray], path: Path) -> State:
+    """The state with these arrays, the inverse of `named`. A run that stopped at its limit of steps gets as many again.
+
+    Raises:
+        StoreError: the arrays in `path` are not those of `template`, as in a file of an earlier version.
+    """
+    names = list(named(template))
+    if sorted(leaves) != sorted(names):
+        found = read_result(path).attributes["version"]
+        other = ", ".join(sorted({*leaves} ^ {*names}))
+        raise StoreError(
+            f"{path} holds a state of jaxves {found}, which has other parts ({other}) than this version continues from:"
+            " continue it with that version, or start from its end with --from."
+        )
+    state = jax.tree.unflatten(jax.tree.structure(template), [jnp.asarray(leaves[name]) for name in names])
+    if int(state.status) != status.TOO_MANY_STEPS:
+        return state
+    # That limit is meant for one sitting.
+    return eqx.tree_at(
+        lambda s: (s.status, s.steps, s.rejected), state, (jnp.int32(status.RUNNING), *jnp.int32([0, 0]))
+    )
+
+
+def description(name: str) -> Description:
+    """What the dataset of this name holds."""
+    if name in HISTORY:
+        return HISTORY[name]
+    return Description(*quantities.QUANTITIES[name.removeprefix("diagnostics/")])
+
+
+class Rows:
+    """Rows on their way into the file, written now and then, with the state to continue from after the last.
+
+    `start` is None for a run that nobody can continue.
+    """
+
+    state: State
+
+    def __init__(self, writer: Writer, start: dict[str, np.ndarray] | None):
+        self.writer = writer
+        self.start = start
+        self.deformation: list[np.ndarray] = []  # along the field, of all rows there are
+        self._waiting: list[dict[str, np.ndarray]] = []
+        self._written = time.perf_counter()
+
+    def add(self, row: dict[str, np.ndarray], state: State) -> None:
+        """Adds a row and the state after it; writes if the last write was some time ago."""
+        if len(row["t"]):
+            self._waiting.append(row)
+            self.deformation.extend(row.get("diagnostics/deformation_along_field", ()))
+            self.state = state
+        if time.perf_counter() > self._written + _SECONDS:
+            self.write()
+
+    def write(self) -> None:
+        """Writes all rows that are waiting."""
+        if self._waiting:
+            block = {name: np.concatenate([row[name] for row in self._waiting]) for name in self.writer.names}
+            restart = {} if self.start is None else named(self.state) | self.start
+            self.writer.append(block, restart)
+            self._waiting = []
+        self._written = time.perf_counter()
