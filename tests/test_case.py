@@ -5,16 +5,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import jaxves
 from jaxves.analysis import critical_field, gradcheck, sensitivity
 from jaxves.analysis.observations import Model, Observations
-from jaxves.inputs import parameters, uses
+from jaxves.equation import equation
+from jaxves.inputs import uses
 from jaxves.inputs.scene_files import SceneError, parse
 from jaxves.inputs.scene_tables import NumericsTable
 from jaxves.inputs.sweep_files import parse as parse_sweep
 from jaxves.inputs.vesicle_tables import CircleVesicle, EllipseVesicle, PointsVesicle
+from jaxves.runs import case as case_module
+from jaxves.runs.build import scene_of
 from jaxves.runs.case import Case
+from jaxves.stepping import marching
 from jaxves.stepping.marching import Adaptive, Fixed
+from jaxves.sweeps.case_summary import outcome
 
 POINTS = [[float(2 * np.cos(a)), float(np.sin(a))] for a in np.linspace(0, 2 * np.pi, 40, endpoint=False)]
 VESICLE = {"reduced_area": 0.9, "angle": 30.0}
@@ -100,23 +104,23 @@ def test_the_tables_here_have_every_key():
 def test_what_numerics_asks_for_is_what_every_use_computes_with(monkeypatch):
     """Solver and coupling of the equation behind a run, a sweep, a sensitivity, a fit and a critical field."""
     seen = []
-    equation_for = jaxves.equation.equation_for
+    equation_for = equation.equation_for
 
     def watched(scene, **how):
         seen.append((type(how["solver"]).__name__, type(how["coupling"]).__name__, how["coupling"]))
         return equation_for(scene, **how)
 
-    for module in ("case", "marching"):
-        monkeypatch.setattr(getattr(jaxves, module), "equation_for", watched)
+    for module in (case_module, marching):
+        monkeypatch.setattr(module, "equation_for", watched)
     numerics = {"solver": "matrix-free", "neighbours": 3, "time_step": 0.02}
     file = scene_file(numerics, pair=PAIR)
     case = Case.of(file, uses.SWEEP)
-    jaxves.outcome.outcome(case, (), case.march(), case.scene({}))
+    outcome(case, (), case.march(), case.scene({}))
     outcomes = [sensitivity.AtEnd(file, ("deformation",), 0.01)]
     observations = Observations(0.01, {"deformation": np.zeros((1, 2))}, {"deformation": 1.0})
     outcomes.append(Model.of(file, observations))
-    for outcome in outcomes:
-        eqx.filter_eval_shape(outcome, {"field.beta": jnp.asarray(1.0)})
+    for found in outcomes:
+        eqx.filter_eval_shape(found, {"field.beta": jnp.asarray(1.0)})
     assert len(seen) >= 2  # sensitivities and fits march in the same way, and may share a program
     for _, coupling, how in seen:
         assert coupling == "MatrixFree" and how.neighbours == 3
@@ -137,7 +141,7 @@ def test_every_number_of_a_vesicle_reaches_the_scene_of_every_use(key):
     """As a value of the file and as a free number the scene is the same, which all uses take from `Case`."""
     file = scene_file(vesicle={key: KEYS[key]})
     usual = scene_file(vesicle={"disturbance": 1e-6} if key == "disturbance" else None)
-    freed = parameters.scene_of(usual, {f"vesicle.{key}": KEYS[key]})
+    freed = scene_of(usual, {f"vesicle.{key}": KEYS[key]})
     assert bool(eqx.tree_equal(freed, Case(file).scene({}), rtol=1e-12, atol=1e-12))
     assert not bool(eqx.tree_equal(freed, Case(scene_file()).scene({}), rtol=1e-12, atol=1e-12))
 
