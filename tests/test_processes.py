@@ -24,7 +24,7 @@ from jaxves.numerics import fourier
 from jaxves.results import ownership, run_store, sweep_store
 from jaxves.results.hdf5 import StoreError
 from jaxves.results.ownership import writer_of, writing
-from jaxves.runs import runner
+from jaxves.runs import rows, runner
 from jaxves.runs.adapt_nodes import Resolution
 from jaxves.runs.earlier import started_from
 
@@ -261,7 +261,7 @@ def move(path):
 def test_a_run_whose_file_is_taken_away_keeps_its_rows_elsewhere_and_says_so(tmp_path, monkeypatch, taken, seconds):
     path, kept = tmp_path / "out.h5", tmp_path / "out.lost.h5"
     (tmp_path / "scene.toml").write_text(text())
-    monkeypatch.setattr(runner, "_SECONDS", seconds)
+    monkeypatch.setattr(rows, "SECONDS_BETWEEN_WRITES", seconds)
     stepped = Resolution.stepped
 
     def then_taken(self, state, t_save):

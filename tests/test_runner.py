@@ -12,7 +12,7 @@ from jaxves.inputs.scene_files import parse
 from jaxves.numerics import fourier
 from jaxves.observables.certificate import certificate
 from jaxves.results import hdf5, run_store, run_writer
-from jaxves.runs import problem, runner
+from jaxves.runs import problem, rows, runner
 from jaxves.stepping import marching
 
 BASE = "t_end = {t_end}\nsaves = {saves}\n"
@@ -45,7 +45,7 @@ def test_a_run_interrupted_and_resumed_has_the_bits_of_an_uninterrupted_one(tmp_
     assert len(record.t) == 6 and record.status == "interrupted" and "--resume" in record.attributes["advice"]
     assert stored(parts) != stored(whole)
     # Written in other blocks, and stopped once more.
-    monkeypatch.setattr(runner, "_SECONDS", 0.0)
+    monkeypatch.setattr(rows, "SECONDS_BETWEEN_WRITES", 0.0)
     assert runner.run(scene_file, parts, resume=True, progress=Stops(2)) == "interrupted"
     assert runner.run(scene_file, parts, resume=True) == "complete"
     assert stored(parts) == stored(whole)
@@ -112,7 +112,7 @@ def test_a_disk_that_fails_ends_the_run_with_its_reason(tmp_path, monkeypatch):
             raise hdf5.StoreError(f"cannot write {path}: No space left on device")
         append(self, block, restart)
 
-    monkeypatch.setattr(runner, "_SECONDS", 0.0)
+    monkeypatch.setattr(rows, "SECONDS_BETWEEN_WRITES", 0.0)
     monkeypatch.setattr(run_writer.Writer, "append", until_full)
     with pytest.raises(runner.Broken, match="No space left"):
         runner.run(pop(), path)

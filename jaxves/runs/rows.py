@@ -15,7 +15,7 @@ from ..results.run_store import HISTORY, read_result
 from ..results.run_writer import Writer
 from ..stepping.marching import State
 
-_SECONDS = 0.5  # between writes: what a killed run may lose
+SECONDS_BETWEEN_WRITES = 0.5  # what a killed run may lose
 
 
 def named(state: State) -> dict[str, np.ndarray]:
@@ -75,7 +75,7 @@ class Rows:
             self._waiting.append(row)
             self.deformation.extend(row.get("diagnostics/deformation_along_field", ()))
             self.state = state
-        if time.perf_counter() > self._written + _SECONDS:
+        if time.perf_counter() > self._written + SECONDS_BETWEEN_WRITES:
             self.write()
 
     def write(self) -> None:
