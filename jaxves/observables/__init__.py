@@ -1,8 +1,9 @@
-"""What is said about a state, a history or a run.
+"""Quantities computed from a state, a time series or a run.
 
+quantities      names, units and axes of the diagnostics; no JAX
 diagnostics     deformation, tension, energy, gaps and others at one instant
-classes         which phase a history shows; no JAX
-pair_classes    the same for pairs; no JAX
-certificate     how well a run knows its own error; no JAX
-fields          flow, pressure and electric field at any points
+classes         the class (P, O or POP) of a time series; no JAX
+pair_classes    the same for pairs of vesicles; no JAX
+certificate     error estimates of a run; no JAX
+fields          velocity, pressure and electric field at any points
 """

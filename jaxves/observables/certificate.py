@@ -1,13 +1,14 @@
-"""How many digits of a result to trust: what should hold exactly, and by how much it does not.
+"""Error estimates of a result: embedded errors, spectral tails, conserved quantities and balances.
 
-Every link is the error, at worst over all saved times and vesicles, of something known: of one step against the
-embedded method, of the finest modes against the coarsest, of a conserved quantity, of a balance. Digits are
--log₁₀ of it; a chain is as strong as its weakest link. Only the link "run", from a second run with other nodes and
-other steps, sees how a scene amplifies errors: where close starts part from each other, so does the computed history
-from the true one, and digits are lost at that rate. A result with less than one digit is `inaccurate`.
+Each estimate is called a link. It is the largest value over all saved times and vesicles. Its digits are -log₁₀ of this
+value. The number of correct digits of a result is that of its weakest link. A result with less than one digit is
+`inaccurate`.
 
-The links are made of maxima over rows (`maxima`), which combine by maximum: for NumPy arrays of a file, and for traced
-arrays inside a run. Nothing here imports JAX.
+Most links do not show how the flow amplifies errors. Only the link "run" does: it compares with a second run that has
+other nodes and other steps. In a scene in which nearby states separate quickly, digits are lost at the same rate.
+
+Links are computed from maxima over rows (`maxima`). The maximum of two such results is that of all their rows. NumPy
+arrays from a file and traced arrays inside a run are both allowed. Nothing here imports JAX.
 """
 
 from collections.abc import Mapping
@@ -15,12 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-LEAST_DIGITS = 1.0  # below which a result is inaccurate
-_AT_REST = 1e-6  # of the bending energy: powers per t_κ below this are those of a vesicle at rest
+LEAST_DIGITS = 1.0  # a result with fewer digits is inaccurate
+_AT_REST = 1e-6  # relative to the bending energy: below this power per t_κ, a vesicle is at rest
 
 
 class Link(NamedTuple):
-    """One estimate: its value, unit and meaning."""
+    """One error estimate: value, unit and meaning."""
 
     value: float
     units: str
@@ -28,7 +29,7 @@ class Link(NamedTuple):
 
     @property
     def digits(self) -> float:
-        """Decimal digits that it leaves; at most 16."""
+        """The number of correct decimal digits by this estimate, at most 16."""
         return float(-np.log10(np.clip(self.value, 1e-16, None)))
 
 
@@ -50,9 +51,9 @@ _POWERS = ("power_flow", "power_electric", "dissipation")
 
 
 def maxima(diagnostics: Mapping[str, Any], first: Mapping[str, Any], xp: Any = np) -> dict[str, Any]:
-    """What the links are made of, by name: the greatest values in these rows, of which there may be one or many.
+    """Returns the maxima over these rows from which the links are computed, by name; one row or more.
 
-    `first` has "area" and "length" (M,) at the start. `xp` has the functions for the arrays: numpy or jax.numpy.
+    `first` has "area" and "length" (M,) at the start. `xp` is the array module, numpy or jax.numpy.
     """
     found = {name: xp.max(xp.abs(diagnostics[of])) for name, (of, *_) in _DIRECT.items() if of in diagnostics}
     found |= {name: xp.max(xp.abs(diagnostics[name] / first[name] - 1)) for name in ("area", "length")}
@@ -63,21 +64,21 @@ def maxima(diagnostics: Mapping[str, Any], first: Mapping[str, Any], xp: Any = n
 
 
 def values(greatest: Mapping[str, Any]) -> dict[str, Any]:
-    """The value of every link but "run", from the `maxima` of all rows."""
+    """Returns the value of each link except "run", from the `maxima` of all rows."""
     found = {name: greatest[name] for name in (*_DIRECT, "area", "length") if name in greatest}
     return found | {"energy": greatest["lacking"] / (greatest["powers"] + _AT_REST * greatest["bending"])}
 
 
 def is_inaccurate(greatest: Mapping[str, Any], xp: Any = np) -> Any:
-    """Whether a link leaves less than one digit, or is not a number; may be traced."""
+    """Returns whether a link has less than one digit or is NaN; may be traced."""
     return ~(xp.max(xp.stack(list(values(greatest).values()))) < 10.0**-LEAST_DIGITS)
 
 
 def certificate(diagnostics: Mapping[str, np.ndarray], error: float | None = None) -> dict[str, Link]:
-    """The links of a result by name, from its diagnostics with the saved times as first axis, at least one.
+    """Returns the links of a result by name, from its diagnostics. Their first axis has at least one saved time.
 
-    `error` is that of the whole run, where it was estimated. A method without an embedded one has no link "time";
-    without a field there is no "charge".
+    `error` is the estimated error of the whole run, None if it was not estimated. There is no link "time" for schemes
+    without an embedded error, and no link "charge" without a field.
     """
     links = {} if error is None or np.isnan(error) else {"run": Link(error, "a", "estimated error of the whole run")}
     first = {name: diagnostics[name][0] for name in ("area", "length")}
@@ -88,5 +89,5 @@ def certificate(diagnostics: Mapping[str, np.ndarray], error: float | None = Non
 
 
 def weakest(links: Mapping[str, Link]) -> str:
-    """The name of the link with the fewest digits; one that is not a number comes first."""
+    """Returns the name of the link with the fewest digits. A link that is NaN comes first."""
     return min(links, key=lambda name: -np.inf if np.isnan(links[name].value) else links[name].digits)

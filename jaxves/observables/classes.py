@@ -1,12 +1,12 @@
-"""Which of the paper's phases a vesicle went through, from the history of its deformation along the field.
+"""Classes of a vesicle in a field, from the time series of its deformation D along the field.
 
     P      prolate throughout              D never below -THRESHOLD
     O      becomes oblate and stays        D below -THRESHOLD at the end
-    POP    prolate, oblate, prolate        D below -THRESHOLD on the way, above THRESHOLD at the end
-    open   none of these yet               the run ended on the way, or the vesicle is nearly round
+    POP    prolate, oblate, prolate        D below -THRESHOLD in between, above THRESHOLD at the end
+    open   none of these                   the run ended too early, or the vesicle is nearly round
 
-D = (√I_∥ - √I_⊥)/(√I_∥ + √I_⊥); THRESHOLD = 0.01 keeps round-off and near-circles out. A start that is
-already oblate counts from where it is: becoming and staying prolate is then "P". Nothing here imports JAX.
+D = (√I_∥ - √I_⊥)/(√I_∥ + √I_⊥). THRESHOLD = 0.01 excludes round-off and nearly circular shapes. A vesicle that starts
+oblate, becomes prolate and remains so is in class P. Nothing here imports JAX.
 """
 
 from typing import Any
@@ -20,9 +20,9 @@ OPEN, P, O, POP = range(4)  # noqa: E741
 
 
 def classify(deformation: Float[Any, "T *rest"]) -> Int[Any, "*rest"]:
-    """Index into `NAMES`, from D at the saved times (first axis); rows that are NaN are ignored.
+    """Returns indices into `NAMES` from D at the saved times (first axis); rows that are NaN are ignored.
 
-    Traced arrays give traced codes, NumPy arrays NumPy codes.
+    The result is traced for traced arrays, and a NumPy array for NumPy arrays.
     """
     xp = deformation.__array_namespace__()
     known = ~xp.isnan(deformation)
@@ -36,11 +36,11 @@ def classify(deformation: Float[Any, "T *rest"]) -> Int[Any, "*rest"]:
 
 
 def class_names(deformation: Float[Any, "T *rest"]) -> list[str]:
-    """The class of every vesicle in words, from D at the saved times (first axis); not for traced arrays."""
+    """Returns the name of the class of each vesicle, from D at the saved times (first axis); not for traced arrays."""
     return [NAMES[code] for code in np.atleast_1d(classify(np.asarray(deformation))).ravel()]
 
 
 def reached(deformation: Float[np.ndarray, "T M"], name: str) -> bool:
-    """Whether the history up to now gives every vesicle the class `name`, and the start alone did not."""
+    """Returns whether every vesicle is in class `name` now, and not every one was at the start."""
     code = NAMES.index(name)
     return bool(np.all(classify(deformation) == code) and not np.all(classify(deformation[:1]) == code))

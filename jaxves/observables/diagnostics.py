@@ -1,17 +1,17 @@
-r"""What is reported of a state, and how each quantity is computed; `quantities` has names, units and axes.
+r"""Computes the diagnostics of a state. `quantities` has their names, units and axes.
 
-Stress of the particles on the suspension, with the force f_hd that membranes exert on the fluid:
+Particle stress, with the force f_hd that membranes exert on the fluid:
 
     Σ_ab = -(1/A) Σ ∮ (f_hd)_a x_b ds,   A the total area,   [μ] = Σ_12 / Ca in shear
 
-In a field Σ is not symmetric: the field exerts a torque. Energy balance at every instant:
+In a field Σ is not symmetric, because the field exerts a torque. Energy balance at every instant:
 
     dE_b/dt = power of the flow + power of the field - dissipation,     E_b = ½ ∮ κ_B κ² ds
     dissipation = ∮ f_hd · S[f_hd] ds,  flow = -∮ f_hd · v_∞ ds,  field = -∮ f_el · dx/dt ds
 
-The film between two membranes drains as their tension lets it, and what nodes miss of the tension weighs the more
-the thinner the film: the relative error of its rate of drainage is about τ/(2d)² where the gap d is below the node
-spacing, τ the top of the spectrum of the tension over its largest mode (`experiments/film.py` has the measurement).
+The tension drives the drainage of the film between two membranes. Errors of the tension matter more for thinner films.
+If the gap d is smaller than the node spacing, the relative error of the drainage rate is about τ/(2d)². Here τ is the
+top of the spectrum of the tension, divided by its largest mode (measured in `experiments/film.py`).
 """
 
 import jax
@@ -28,17 +28,17 @@ from ..operators.interactions import over_pairs
 from ..physics import membrane
 from ..physics.scene import Scene
 
-_AT_REST = 1e-6  # of κ_B/L²: forces below this balance, whatever round-off says
+_AT_REST = 1e-6  # in units of κ_B/L²: smaller forces are round-off and count as balanced
 
 
 def tank_treading_speed(curve: Curve, velocity: Array) -> Array:
-    """∮ (v - v̄)·t ds / L with the mean velocity v̄: -Ca/2 for a circle in shear."""
+    """Returns ∮ (v - v̄)·t ds / L with the mean velocity v̄. It is -Ca/2 for a circle in shear."""
     weights = curve.weights / jnp.sum(curve.weights)
     return jnp.sum(weights * jnp.sum((velocity - weights @ velocity) * curve.tangent, axis=-1))
 
 
 def stress(motion: Motion) -> Array:
-    """Particle stress tensor; positions from the mean centroid, on which it does not depend in total."""
+    """Returns the particle stress tensor (2, 2). Its value does not depend on the origin of the positions."""
     curves = motion.surfaces.curves
     centers = jax.vmap(geometry.centroid)(curves)
     arm = (curves.x - jnp.mean(centers, axis=0)) * curves.weights[..., None]
@@ -46,13 +46,13 @@ def stress(motion: Motion) -> Array:
 
 
 def _crossings(first: Curve, second: Curve) -> Array:
-    """Which edges of the polygon of nodes of one curve intersect which of another, (N, N)."""
+    """Returns which edges of the polygon of nodes of one curve intersect which edges of another, (N, N)."""
 
     def ends(curve):
         return curve.x, jnp.roll(curve.x, -1, axis=0)
 
     def side(a, b, c):
-        """Twice the signed area of a, b, c, for all edges (a, b) and all points c."""
+        """Returns twice the signed area of the triangle a, b, c for all edges (a, b) and all points c."""
         u, v = (b - a)[:, None], c[None] - a[:, None]
         return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
 
@@ -61,15 +61,15 @@ def _crossings(first: Curve, second: Curve) -> Array:
 
 
 def crosses_itself(curve: Curve) -> Array:
-    """Whether two edges of the polygon of nodes intersect."""
-    # An edge shares an end with its neighbours: products there are round-off about zero, not below it.
+    """Returns whether two edges of the polygon of nodes intersect."""
+    # Neighbouring edges share an end, so their products are zero up to round-off. They are left out.
     N = curve.x.shape[0]
     steps = jnp.abs(jnp.arange(N)[:, None] - jnp.arange(N)[None])
     return jnp.any(_crossings(curve, curve) & (jnp.minimum(steps, N - steps) > 1))
 
 
 def _is_inside(point: Array, curve: Curve) -> Array:
-    """Whether the polygon of nodes of a curve encloses a point or has it on its edge: then edges turn about it."""
+    """Returns whether the polygon of nodes encloses a point or has it on an edge, by the angle it turns about it."""
     a, b = curve.x - point, jnp.roll(curve.x, -1, axis=0) - point
     cross, dot = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], jnp.sum(a * b, axis=-1)
     nothing = (cross == 0) & (dot == 0)
@@ -78,7 +78,7 @@ def _is_inside(point: Array, curve: Curve) -> Array:
 
 
 def collides(curves: Curve) -> Array:
-    """Whether the polygons of any two vesicles intersect, or one lies inside of the other or upon it."""
+    """Returns whether the polygons of any two vesicles intersect or coincide, or one contains the other."""
 
     def of_pair(first, second):
         return jnp.any(_crossings(first, second)) | _is_inside(first.x[0], second) | _is_inside(second.x[0], first)
@@ -87,7 +87,7 @@ def collides(curves: Curve) -> Array:
 
 
 def _angle(vector: Array) -> Array:
-    """From x, in (-π, π]; 0, with derivative 0, for no vector."""
+    """Returns the angle of a vector from x, in (-π, π]; 0 with derivative 0 for the zero vector."""
     nothing = jnp.all(vector == 0)
     return jnp.arctan2(jnp.where(nothing, 0.0, vector[1]), jnp.where(nothing, 1.0, vector[0]))
 
@@ -104,7 +104,7 @@ def _of_many(curves: Curve, center: Array, tension_tail: Array) -> dict[str, Arr
 
 
 def powers(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:
-    """The energy balance at one instant."""
+    """Returns the terms of the energy balance at one instant."""
     scene, curves = equation.scene, motion.surfaces.curves
     weights = curves.weights[..., None]
 
@@ -128,7 +128,7 @@ def powers(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[st
 
 def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, speed) -> dict[str, Array]:
     cut = equation.filter
-    # The spectrum of a tension that is even along the membrane is round-off, and says nothing.
+    # If the tension is constant along the membrane, its spectrum is round-off and is not used.
     uneven = jnp.ptp(sigma) > _AT_REST * bending / geometry.length(curve) ** 2
     return {
         "area": geometry.area(curve),
@@ -146,10 +146,10 @@ def _of_shape(equation: Equation, curve: Curve, x, velocity, sigma, bending, spe
 
 
 def _balance(curve: Curve, f: Array, bending: Array) -> dict[str, Array]:
-    """How far the forces of one membrane on itself are from cancelling."""
+    """Returns net force and net torque of one membrane, relative to the integrals of their absolute values."""
     arm, length = curve.x - geometry.centroid(curve), geometry.length(curve)
     size = jnp.sum(jnp.abs(f), axis=-1)
-    # Forces of a membrane at rest are round-off: less than a millionth of the bending force is none.
+    # The forces of a membrane at rest are round-off. Less than a millionth of the bending force counts as zero.
     least = _AT_REST * bending / length**2
     force = jnp.sum(jnp.abs(curve.weights @ f)) / (curve.weights @ size + least)
     turning = jnp.abs(curve.weights @ (arm[:, 0] * f[:, 1] - arm[:, 1] * f[:, 0]))
@@ -173,7 +173,7 @@ def _of_field(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
 
 
 def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:
-    """All quantities that this scene has, but for the unwrapped inclination, which needs a history."""
+    """Returns all diagnostics of this scene by name, except the unwrapped inclination, which needs earlier times."""
     scene: Scene = equation.scene
     curves = motion.surfaces.curves
 
@@ -191,7 +191,7 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
         direction = field.unit_direction()
         out["deformation_along_field"] = jax.vmap(geometry.deformation, in_axes=(0, None))(curves, direction)
         tail = jax.vmap(lambda V_m: fourier.spectral_tail(V_m, equation.filter.surface))(y.V_m)
-        # Where V_m does not vary, as before charging starts, its spectrum is round-off and says nothing.
+        # If V_m is constant along the membrane, as at the start, its spectrum is round-off and is not used.
         charged = jnp.ptp(y.V_m, axis=1) > 1e-8
         out["spectral_tail"] = jnp.maximum(out["spectral_tail"], jnp.where(charged, tail, 0.0))
     out["stress"] = stress(motion)
@@ -205,9 +205,9 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
 
 
 def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
-    """The integrands of the time averages.
+    """Returns the integrands of the time averages by name.
 
-    Angles average as directors: `director` holds cos 2θ and sin 2θ of the inclination θ.
+    Inclinations θ are averaged by way of `director`, which has cos 2θ and sin 2θ.
     """
     curves = motion.surfaces.curves
     theta = jax.vmap(geometry.inclination)(curves)
@@ -220,7 +220,7 @@ def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
 
 
 def averages(means: dict[str, Array], scene: Scene) -> dict[str, Array]:
-    """Time averages as users know them, from the means of `averaged`."""
+    """Returns the time averages by the names of the diagnostics, from the means of the integrands `averaged`."""
     out = {name: means[name] for name in ("stress", "tank_treading_speed", "deformation")}
     director = means["director"]
     out["inclination"] = 0.5 * jnp.arctan2(director[..., 1], director[..., 0])

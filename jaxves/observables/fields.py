@@ -1,12 +1,12 @@
-r"""Velocity, pressure, potential and electric field away from the membranes, at one instant of a run.
+r"""Velocity, pressure, potential and electric field at any points, at one instant of a run.
 
     u = v_∞ + S_Stokes[f_hd],   p = P_Stokes[f_hd]       φ = -E_∞·x + S q - D V_m,   E = -∇φ       of all membranes
 
-Points anywhere, up to the membranes, where fields that jump have the limit from the point's own side. Near a
-membrane its potentials are closely evaluated; farther than the paper's 5h rule from its nodes, made four times as
-many by trigonometric interpolation, the trapezoidal rule holds to round-off, and is several times cheaper. Points
-are sorted by the membrane they are near, and chunks of them choose between the rules at run time, membrane by
-membrane (under `vmap` a choice becomes both).
+Points may be at any distance from the membranes. On a membrane, fields that jump have the limit from the side of the
+point. Near a membrane, close evaluation is used. Farther away, the trapezoidal rule on four times as many nodes
+is exact to round-off and several times cheaper; the limit is the paper's 5h rule. Points are sorted by the membrane
+they are near. Each chunk of points chooses the rule for each membrane at run time. Under `vmap` both rules are
+computed.
 """
 
 import equinox as eqx
@@ -23,16 +23,16 @@ from ..potentials import close_laplace, close_stokes, far
 from ..potentials.close_laplace import CloseGeometry
 
 _UPSAMPLE = 4  # source nodes of the trapezoidal rule per node of the run
-_STRIP = 5.0 / _UPSAMPLE + 0.5  # node spacings of the run; the curve may pass half of one from its nodes
-_CHUNK = 256  # points evaluated at once: bounds the memory to some ten MB, whatever the number of vesicles
+_STRIP = 5.0 / _UPSAMPLE + 0.5  # node spacings; half a spacing is added because the curve passes between nodes
+_CHUNK = 256  # points evaluated at once; this limits the memory to about ten MB for any number of vesicles
 
 
 class Surroundings(eqx.Module):
-    """Fields at P points; `None` where there is no electric field.
+    """Fields at P points; `potential` and `electric_field` are None without an electric field.
 
-    `velocity` in a/t_κ, `pressure` in κ_B/a³ (zero far away), `potential` in a|E_∞|, `electric_field` in |E_∞|;
-    `inside` is the number of the vesicle that encloses the point, -1 in the outer fluid. Round-off decides for points
-    on a membrane, and the other fields are those of the side that it chose.
+    `velocity` is in a/t_κ, `pressure` in κ_B/a³ (zero far away), `potential` in a|E_∞|, `electric_field` in |E_∞|.
+    `inside` is the number of the vesicle that encloses the point, -1 in the outer fluid. For a point on a membrane,
+    round-off decides the side, and the other fields are those of this side.
     """
 
     velocity: Points
@@ -43,7 +43,7 @@ class Surroundings(eqx.Module):
 
 
 class _Membrane(eqx.Module):
-    """One membrane, or with a leading axis all of them, and its densities."""
+    """One membrane with its densities; with a leading axis, all of them."""
 
     curve: Curve
     f_hd: Float[Array, "*batch N 2"]
@@ -52,9 +52,9 @@ class _Membrane(eqx.Module):
 
 
 def fields_at(equation: Equation, t: ScalarLike, y: Unknowns, points: Points) -> Surroundings:
-    """What the fluid does and which field there is at `points`, with state `y` at time `t`.
+    """Returns velocity, pressure, potential and electric field at `points` (P, 2), for the state `y` at time `t`.
 
-    Differentiable, forward and reverse, in everything but `inside`.
+    The result is differentiable, forward and reverse, except `inside`.
     """
     return _around(equation, as_float(t), y, points)
 
@@ -89,9 +89,10 @@ def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surro
 
 
 def _place(curves: Curve, point: Float[Array, "2"]) -> tuple[Bool[Array, "M"], Bool[Array, "M"]]:
-    """Which membranes `point` is near, and which polygons of nodes enclose it: farther off, the membranes do as well.
+    """Returns which membranes `point` is near, and which polygons of nodes enclose it.
 
-    By the winding number, counted in crossings of the ray to the right.
+    Far from a membrane, its polygon of nodes encloses the same points as the membrane. The winding number is computed
+    by counting how the polygon crosses the ray to the right of the point.
     """
     start = jax.lax.stop_gradient(far.separations(curves, point[None])[0])
     end = jnp.roll(start, -1, axis=1)
@@ -105,14 +106,15 @@ def _place(curves: Curve, point: Float[Array, "2"]) -> tuple[Bool[Array, "M"], B
 
 
 def _disturbance(membranes: _Membrane, targets: Points, is_near: Bool[Array, "P M"], enclosed: Bool[Array, "P M"]):
-    """The sums over all membranes of their fields, as in `_closely`, and which membranes enclose the targets."""
+    """Returns the fields of `_closely`, summed over all membranes, and which membranes enclose the targets."""
 
     def of_one(args):
         membrane, is_near, enclosed = args
         return jax.lax.cond(
             jnp.any(is_near),
             lambda: _closely(membrane, targets),
-            # None is near when this counts; when it does not, under `vmap`, 0/0 must not enter the derivative.
+            # This branch is for targets that are all far. Under `vmap` it is computed for near targets as well. They
+            # are moved away, so that 0/0 does not enter the derivative.
             lambda: (_widely(membrane, jnp.where(is_near[:, None], _elsewhere(membrane), targets)), enclosed),
         )
 
@@ -125,7 +127,10 @@ def _elsewhere(membrane: _Membrane) -> Float[Array, "2"]:
 
 
 def _closely(membrane: _Membrane, targets: Points):
-    """Velocity, pressure and, with a field, S q - D V_m and its gradient of one membrane; which targets it encloses."""
+    """Returns the fields of one membrane by close evaluation, and which targets it encloses.
+
+    The fields are velocity, pressure and, with an electric field, S q - D V_m and its gradient.
+    """
     close = CloseGeometry.of(membrane.curve, targets)
     q, V_m = membrane.q, membrane.V_m
     fields = close_stokes.stokes_slp(close, membrane.f_hd), close_stokes.stokes_slp_pressure(close, membrane.f_hd)
@@ -137,7 +142,7 @@ def _closely(membrane: _Membrane, targets: Points):
 
 
 def _widely(membrane: _Membrane, targets: Points):
-    """The same fields by the trapezoidal rule."""
+    """Returns the same fields by the trapezoidal rule."""
     K = _UPSAMPLE * membrane.curve.x.shape[0]
 
     def finer(density):

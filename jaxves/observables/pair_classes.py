@@ -1,16 +1,18 @@
-"""How two vesicles in a field move about each other, from the history of the line of their centres.
+"""Classes of the motion of two vesicles in a field, from the time series of the line between their centres.
 
-    circulation   the line turned by half a turn or more: past the field's direction and on past the perpendicular
-    oscillation   it swings about the field's direction, and the swings do not die away: twice or more beyond SWING,
-                  the last complete one at least half of the largest
-    chain         it came to rest along the field: within ALIGNED of it for the last fifth of the time, in which it
-                  moves by less than 2 SWING and the gap does not widen
-    slanted       it came to rest off that direction: within RESTING for as long, the membranes all but in touch
-    repulsion     they move apart without turning: within TURNED of where the line was, as far apart as never before
-    open          none of these yet
+    circulation   the line turns by half a turn or more
+    oscillation   the line swings about the field direction without damping: two or more swings exceed SWING, and the
+                  last complete one is at least half the largest
+    chain         the line comes to rest along the field: in the last fifth of the time it is within ALIGNED of the
+                  field direction and moves by less than 2 SWING, and the gap does not grow
+    slanted       the line comes to rest in another direction: it moves by less than RESTING in the last fifth of the
+                  time, and the membranes nearly touch
+    repulsion     the vesicles separate without turning: the line stays within TURNED of its first direction, and the
+                  separation is the largest at the end
+    open          none of these
 
-A swing is what lies between two passages of the line through the field's direction; which of the two vesicles is
-ahead does not matter, so that directions half a turn apart are one. Nothing here imports JAX.
+A swing is the motion between two passages of the line through the field direction. Directions that differ by half a
+turn are equal, because the vesicles are not distinguished. Nothing here imports JAX.
 """
 
 from itertools import pairwise
@@ -22,30 +24,37 @@ SWING = np.deg2rad(5.0)
 ALIGNED = np.deg2rad(15.0)
 TURNED = np.deg2rad(10.0)
 RESTING = np.deg2rad(1.0)
-TOUCHING = 0.1  # of the gap at the start
+TOUCHING = 0.1  # relative to the gap at the start
 NAMES = ("open", "chain", "oscillation", "circulation", "slanted", "repulsion")
 
 History = Float[np.ndarray, "T"]
 
 
 def tilt(angle: History, field: float) -> History:
-    """From the field's direction to the line of centres, in radians, followed in time; it ends in [-π/2, π/2]."""
+    """Returns the angle from the field direction to the line of centres, in radians, continuous in time.
+
+    The last value is in [-π/2, π/2].
+    """
     tilt = np.unwrap(np.asarray(angle, dtype=float)) - field
     return tilt - np.pi * np.round(tilt[-1] / np.pi)
 
 
 def swings(tilt: History) -> Float[np.ndarray, "swings"]:
-    """The largest tilt, with its sign, of each complete swing: between one passage through zero and the next."""
+    """Returns the largest tilt of each complete swing, with its sign. A swing lies between two zeros of the tilt."""
     passages = np.flatnonzero(np.signbit(tilt[1:]) != np.signbit(tilt[:-1])) + 1
     parts = [tilt[start:end] for start, end in pairwise(passages)]
     return np.array([part[np.argmax(np.abs(part))] for part in parts])
 
 
 def classify(t: History, angle: History, separation: History, gap: History, field: float) -> str:
-    """One of `NAMES`; rows with NaN are ignored.
+    """Returns one of `NAMES`; rows with NaN are ignored.
 
-    `angle` of the line of centres from x in radians, saved often enough to be followed from row to row,
-    `separation` of the centres, `gap` between the membranes, `field` the angle of the field from x.
+    Args:
+        t: the saved times (T,).
+        angle: of the line of centres from x, in radians. It must change by less than half a turn between saved times.
+        separation: distance of the centres.
+        gap: least distance of the membranes.
+        field: angle of the field from x, in radians.
     """
     known = np.isfinite(t)
     t, angle, separation, gap = (np.asarray(f, dtype=float)[known] for f in (t, angle, separation, gap))

@@ -1,10 +1,10 @@
-"""What the diagnostics are: names, units, meaning, axes. Nothing here imports JAX; `diagnostics` computes them."""
+"""Names, units, meanings and axes of the diagnostics. `diagnostics` computes them. Nothing here imports JAX."""
 
 from typing import NamedTuple
 
 
 class Quantity(NamedTuple):
-    """Unit (in the paper's scales), meaning, and named axes."""
+    """The unit (in the paper's scales), the meaning, and the names of the axes."""
 
     units: str
     long_name: str

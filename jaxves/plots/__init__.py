@@ -1,8 +1,8 @@
-"""Figures of runs and sweeps; those without an underscore take what `simulate`, `read_result` or `read_sweep` return.
+"""Figures of runs and sweeps. The functions take what `simulate`, `read_result` or `read_sweep` return.
 
 style           sizes, colours, labels
-moments         which instants show how a shape changed
-run_plots       snapshots, histories, flow and field lines, animations
+moments         choice of the instants that show how a shape changes
+run_plots       snapshots, time series, streamlines, field lines, animations
 sweep_plots     phase diagrams, maps, curves
 """
 

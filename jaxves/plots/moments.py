@@ -1,26 +1,27 @@
-"""Second moments of saved outlines: which saved instants show how a shape changed, and where an angle is defined.
+"""Second moments of saved outlines. They choose the instants to draw, and show where an inclination angle is defined.
 
-The nodes are equispaced in arc length, so means over nodes are means over the outline.
+The nodes are equispaced in arc length, so a mean over the nodes is a mean over the outline.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-_STILL = 1e-2  # a path shorter than this, in a, is no motion to be shown
-_ROUND = 0.02  # an anisotropy below this leaves the direction of the major axis undefined
+_STILL = 1e-2  # a total change smaller than this, in units of a, counts as no change
+_ROUND = 0.02  # below this anisotropy the direction of the major axis is undefined
 
 
 def spreads(x: Float[np.ndarray, "T M N 2"]) -> Float[np.ndarray, "T M 2 2"]:
-    """Mean of (x - c)(x - c)ᵀ over each outline, c its mean."""
+    """Returns the mean of (x - c)(x - c)ᵀ over each outline, where c is the mean of x."""
     apart = x - x.mean(axis=2, keepdims=True)
     return np.einsum("tmni,tmnj->tmij", apart, apart) / x.shape[2]
 
 
 def instants(t: Float[np.ndarray, "T"], x: Float[np.ndarray, "T M N 2"], count: int) -> Int[np.ndarray, "K"]:
-    """Rows of at most `count` saved instants: the first, the last, and others spread evenly along the change.
+    """Returns the rows of at most `count` saved instants: the first, the last, and others between them.
 
-    Change is measured by the second moments of the outlines and by their places relative to each other. Where
-    hardly anything changes, as in steady treading, the instants are spread evenly in time. Rows with NaN are left out.
+    The others are spread evenly along the change of the shapes. Change is measured by the second moments of the
+    outlines and by their positions relative to each other. If hardly anything changes, as in steady tank-treading, they
+    are spread evenly in time. Rows with NaN are left out.
     """
     rows = np.flatnonzero(np.isfinite(x).all(axis=(1, 2, 3)))
     if len(rows) == 0:
@@ -38,13 +39,13 @@ def instants(t: Float[np.ndarray, "T"], x: Float[np.ndarray, "T M N 2"], count: 
 
 
 def directed(x: Float[np.ndarray, "T M N 2"]) -> Bool[np.ndarray, "T M"]:
-    """Whether each outline is longer one way than the other, so that its inclination is defined."""
+    """Returns whether each outline is longer in one direction than in the other, so that its inclination is defined."""
     least, most = np.moveaxis(np.sqrt(np.linalg.eigvalsh(np.nan_to_num(spreads(x)))), -1, 0)
     return most - least > _ROUND * (most + least)
 
 
 def drawn_angle(x: Float[np.ndarray, "T M N 2"], angle: Float[np.ndarray, "T M"]) -> Float[np.ndarray, "T M"]:
-    """The inclination in degrees for a curve in time: NaN where it is undefined, and where it jumps in between.
+    """Returns the inclination in degrees for drawing: NaN where it is undefined, and at jumps.
 
     The direction of the major axis jumps by a right angle when a shape passes through a square or a circle.
     """
@@ -55,6 +56,6 @@ def drawn_angle(x: Float[np.ndarray, "T M N 2"], angle: Float[np.ndarray, "T M"]
 
 
 def turns(degrees: Float[np.ndarray, "T M"]) -> bool:
-    """Whether an angle moves by more than a degree in all, other than by the jumps that `drawn_angle` cut out."""
+    """Returns whether an angle changes by more than a degree in total, without the jumps that `drawn_angle` removed."""
     steps = np.abs(np.diff(degrees, axis=0))
     return bool(np.any(np.nansum(steps, axis=0) > 1))

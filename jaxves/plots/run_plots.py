@@ -1,10 +1,9 @@
-r"""Pictures of runs: shapes, histories, stream lines and field lines, films.
+r"""Figures of runs: shapes, time series, streamlines, field lines, animations.
 
-Functions take data and return a matplotlib `Figure`; none needs a display, touches pyplot or changes its
-settings. A `record` is what `store.load` returns; the result of a simulation has the same attributes but
-for the scene, whose field and flow are then not drawn.
+Functions take data and return a matplotlib `Figure`. They need no display and do not change the settings of pyplot. A
+`record` is what `read_result` or `simulate` returns. The latter has no scene, so its field and flow are not drawn.
 
-Membranes are coloured by V_m or by the tension λ; `plotstyle` has the units and the colours.
+Membranes are coloured by V_m or by the tension λ. `style` has the units and the colours.
 """
 
 import tomllib
@@ -42,9 +41,10 @@ def membranes(
     values: Float[np.ndarray, "M N"] | None = None,
     colors: ScalarMappable | None = None,
 ) -> LineCollection:
-    """Draws closed curves through the nodes, coloured by `values` at them on the scale `colors`, or plain.
+    """Draws closed curves through the nodes.
 
-    The curve is the trigonometric interpolant, as in the computation, not the polygon.
+    They are coloured by `values` at the nodes with the colour scale `colors`, or drawn in one colour without values.
+    The curve is the trigonometric interpolant of the nodes, as in the computation.
     """
 
     def edges(f):
@@ -64,11 +64,12 @@ def membranes(
 
 @rc_context(STYLE)
 def snapshots(record, times: Sequence[float] | None = None, *, count: int = 5, color: str | None = None) -> Figure:
-    """Shapes side by side at the saved times nearest to `times`, or at up to `count` that show how the shape changed.
+    """Draws the shapes side by side at several saved times.
 
-    These are the first, the last, and others spread evenly along the change of shapes and places, so that a square
-    which lasts a moment is drawn and a long rest is not drawn twice. Hardly any change: evenly spread in time.
-    `color` is "V_m" (default where there is one) or "tension"; all panels share lengths and colours.
+    These are the saved times nearest to `times`. Without `times` they are up to `count` times that show how the shapes
+    change: the first, the last, and others spread evenly along the change of shapes and positions. A short transition
+    is therefore drawn, and a long rest is not drawn twice. If hardly anything changes, they are spread evenly in time.
+    `color` is "V_m" (the default with a field) or "tension". All panels have the same scales.
     """
     t, x = np.asarray(record.t), np.asarray(record.x)
     rows = moments.instants(t, x, count) if times is None else [int(np.argmin(np.abs(t - time))) for time in times]
@@ -100,11 +101,14 @@ def snapshots(record, times: Sequence[float] | None = None, *, count: int = 5, c
 
 @rc_context(STYLE)
 def history(record, names: Sequence[str] | None = None) -> Figure:
-    """Diagnostics against time, one under the other; vesicles and components of each told apart by colour.
+    """Draws diagnostics against time in one panel each. Colours distinguish vesicles and components.
 
-    Inclinations are in degrees, with a gap where a shape as long as it is broad has none. Without `names` the
-    usual diagnostics that the record has are drawn, the inclination only where it moves by more than a degree.
-    Raises ValueError for a name that the record has not.
+    Inclination angles are in degrees. The curve has a gap where a shape is as long as it is wide, because the angle is
+    then undefined. Without `names` a default selection is drawn; it includes the inclination only if it changes by more
+    than a degree.
+
+    Raises:
+        ValueError: the record does not have a diagnostic of this name.
     """
     known = record.diagnostics
     names = _usual(record) if names is None else list(names)
@@ -129,13 +133,13 @@ def history(record, names: Sequence[str] | None = None) -> Figure:
 
 
 def _usual(record) -> list[str]:
-    """The names that a history shows by default."""
+    """Returns the names of the diagnostics that are drawn by default."""
     names = [name for name in _HISTORY if name in record.diagnostics]
     return [name for name in names if name not in _ANGLES or moments.turns(_curves(record, name)[0])]
 
 
 def _curves(record, name: str) -> tuple[np.ndarray, str]:
-    """The values of a diagnostic as they are drawn, (T, …), and the label of their axis."""
+    """Returns the values of a diagnostic for drawing, (T, …), and the label of the axis."""
     values = np.asarray(record.diagnostics[name])
     if name in _ANGLES:
         return moments.drawn_angle(np.asarray(record.x), values), f"{SYMBOLS[name]} (degrees)"
@@ -143,15 +147,23 @@ def _curves(record, name: str) -> tuple[np.ndarray, str]:
 
 
 def streamlines(equation: Equation, t: float, y: Unknowns, **how) -> Figure:
-    """Stream lines of the fluid at one instant, membranes coloured by tension; `how` as in `field_lines`."""
+    """Draws streamlines of the fluid at one instant; membranes are coloured by tension. `how` is as in
+    `field_lines`."""
     return _lines(equation, t, y, "tension", **how)
 
 
 def field_lines(equation: Equation, t: float, y: Unknowns, **how) -> Figure:
-    """Electric field lines at one instant, membranes coloured by V_m.
+    """Draws electric field lines at one instant; membranes are coloured by V_m.
 
-    Keywords: `window` (x_min, x_max, y_min, y_max), default all vesicles and 0.8 around; `resolution`, points along
-    its longer side (160); `density` of the lines (1.3, matplotlib's measure). Raises ValueError without a field.
+    Args:
+        equation: the equation of the scene.
+        t: the time.
+        y: the state.
+        how: `window` is (x_min, x_max, y_min, y_max); by default it has all vesicles with a margin of 0.8. `resolution`
+            is the number of points along its longer side (160). `density` is that of matplotlib's `streamplot` (1.3).
+
+    Raises:
+        ValueError: the scene has no field.
     """
     if equation.scene.field is None:
         raise ValueError("Field lines need a scene with a field.")
@@ -161,7 +173,7 @@ def field_lines(equation: Equation, t: float, y: Unknowns, **how) -> Figure:
 @rc_context(STYLE)
 def _lines(equation, t, y, color, *, window=None, resolution=160, density=1.3) -> Figure:
     x = np.asarray(y.x)
-    # A little off the symmetric place: a line seeded on an axis of symmetry runs into a stagnation point.
+    # The window is slightly asymmetric, because a line that starts on an axis of symmetry ends in a stagnation point.
     window = _window(x, margin=0.8) + 0.02 if window is None else np.asarray(window)
     longer = max(window[1] - window[0], window[3] - window[2])
     across, upward = (
@@ -192,9 +204,11 @@ def _evaluate(equation, t, y, points):
 
 @rc_context(STYLE)
 def animation(record, path: str | Path, *, color: str | None = None, frames: int = 150, per_second: int = 20) -> None:
-    """Writes a film of at most `frames` equally spaced saves: .gif, or .mp4 through the program ffmpeg.
+    """Writes an animation of at most `frames` equally spaced saved times: a .gif, or an .mp4 with the program ffmpeg.
 
-    Raises ValueError for another ending and RuntimeError where ffmpeg is missing.
+    Raises:
+        ValueError: the name of the file ends in neither .gif nor .mp4.
+        RuntimeError: an .mp4 is asked for and ffmpeg is not installed.
     """
     path = Path(path)
     if path.suffix not in (".gif", ".mp4"):
@@ -227,7 +241,7 @@ def _coloring(record, color: str | None) -> tuple[str, np.ndarray]:
 
 
 def _window(x: np.ndarray, margin: float, below: float | None = None) -> np.ndarray:
-    """(x_min, x_max, y_min, y_max) of all finite nodes and `margin` around, or `below` at the bottom."""
+    """Returns (x_min, x_max, y_min, y_max) of all finite nodes with a `margin`, and `below` at the bottom if given."""
     low, high = np.nanmin(x.reshape(-1, 2), axis=0), np.nanmax(x.reshape(-1, 2), axis=0)
     return np.array([low[0] - margin, high[0] + margin, low[1] - (below or margin), high[1] + margin])
 
@@ -237,7 +251,7 @@ def _aspect(window: np.ndarray) -> float:
 
 
 def _draw_forcing(ax: Axes, tables: dict) -> None:
-    """The imposed field as one arrow, the imposed flow as a few, one below the other."""
+    """Draws the imposed field as one arrow and, below it, the imposed flow as several."""
     both = "field" in tables and "flow" in tables
     ax.set(xlim=(-1, 1), ylim=(-2, 2) if both else (-1, 1), aspect="equal")
     ax.set_axis_off()

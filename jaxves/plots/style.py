@@ -1,8 +1,8 @@
-"""How pictures look: fonts, widths, colours, and the words on their axes.
+"""The style of figures: fonts, widths, colours, and axis labels.
 
-Lengths are in a, times in t_κ, potentials in a|E_∞|, tensions in κ_B/a². What changes sign gets a symmetric scale
-on a map that is dark at zero (the light centre of the usual ones would vanish on paper), blue below and orange
-above; what does not gets viridis.
+Lengths are in a, times in t_κ, potentials in a|E_∞|, tensions in κ_B/a². Quantities that change sign have a symmetric
+colour scale: blue below zero, dark at zero, orange above. A scale with a light centre would not be visible on paper.
+Quantities of one sign have the colour map viridis.
 """
 
 import re
@@ -50,7 +50,7 @@ SYMBOLS = {
 
 
 def scale(values: np.ndarray) -> ScalarMappable:
-    """Colours for all finite `values`: centred on 0 where they change sign, else from least to greatest."""
+    """Returns a colour scale for all finite `values`. It is symmetric about 0 if they change sign."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if low < 0 < high:
         low, high = min(low, -high), max(-low, high)
@@ -59,12 +59,12 @@ def scale(values: np.ndarray) -> ScalarMappable:
 
 
 def time_label(t: float) -> str:
-    """t = … t_κ."""
+    """Returns the label t = … t_κ."""
     return rf"$t = {float(t):.3g}\,t_\kappa$"
 
 
 def quantity_label(name: str) -> str:
-    """Symbol and unit of a diagnostic."""
+    """Returns the symbol and unit of a diagnostic."""
     units = QUANTITIES[name].units if name in QUANTITIES else "1"
     for word, letter in (
         ("t_kappa", r"t_\\kappa"),
@@ -78,7 +78,8 @@ def quantity_label(name: str) -> str:
 
 
 def component_label(name: str, shape: tuple[int, ...], index: tuple[int, ...]) -> str:
-    """Vesicles are numbered from 1, components called x and y; an axis of length 1 needs no name."""
+    """Returns the label of one curve: vesicles are numbered from 1, components are x and y; axes of length 1 have
+    none."""
     dims = QUANTITIES[name].dims[1:] if name in QUANTITIES else ("vesicle",) * len(index)
     return "".join(
         (f"{i + 1} " if dim == "vesicle" else "xy"[i])

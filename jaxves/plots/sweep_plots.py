@@ -1,8 +1,8 @@
-"""Pictures of sweeps: phase diagrams with the class boundary, maps and families of curves.
+"""Figures of sweeps: phase diagrams with class boundaries, maps and families of curves.
 
-Functions take a `SweepRecord` and return a matplotlib `Figure`. A grid of three axes becomes one panel for each value
-of the first. Cases without a good result are crossed out; those that refinement did not ask for are left to the colour
-of their surroundings.
+Functions take a `SweepRecord` and return a matplotlib `Figure`. A grid with three axes becomes one panel for each value
+of the first axis. Failed cases are marked with a cross. Cases that were skipped by the refinement have the colour of
+the nearest computed case.
 """
 
 import numpy as np
@@ -33,12 +33,12 @@ _KINDS = {"final": "{}", "average": "mean {}", "min": "least {}", "max": "greate
 
 
 def axis_label(name: str) -> str:
-    """The paper's letter for a number of the scene, or its key path."""
+    """Returns the symbol of a number of the scene as in the paper, or its key path."""
     return _NAMES.get(name, name)
 
 
 def value_label(record: SweepRecord, name: str) -> str:
-    """Symbol and unit of a quantity of each case."""
+    """Returns the symbol and unit of a quantity of the cases."""
     base, _, kind = name.rpartition("_")
     if kind in _KINDS and base:
         return _KINDS[kind].format(quantity_label(base))
@@ -46,7 +46,7 @@ def value_label(record: SweepRecord, name: str) -> str:
 
 
 def default_quantity(record: SweepRecord) -> str:
-    """What is drawn when nobody says: the averages that there are before the last values."""
+    """Returns the quantity that is drawn by default; averages are preferred to final values."""
     for name in ("effective_viscosity_average", "effective_viscosity_final", "deformation_average"):
         if name in record.data:
             return name
@@ -55,9 +55,10 @@ def default_quantity(record: SweepRecord) -> str:
 
 @rc_context(STYLE)
 def phase_diagram(record: SweepRecord) -> Figure:
-    """Which class where, over the last two axes, with the boundaries between them; samples as points.
+    """Draws the classes over the last two axes with the boundaries between them; samples are drawn as points.
 
-    Raises ValueError when there are no classes, or fewer than two numbers.
+    Raises:
+        ValueError: the sweep has no classes, or fewer than two numbers vary.
     """
     if record.classes is None:
         raise ValueError("A phase diagram needs classes, which only scenes with a field have.")
@@ -88,9 +89,10 @@ def phase_diagram(record: SweepRecord) -> Figure:
 
 @rc_context(STYLE)
 def quantity_map(record: SweepRecord, name: str | None = None, component: tuple[int, ...] | None = None) -> Figure:
-    """One quantity over the last two axes; `component` picks a vesicle or an entry where a case has several.
+    """Draws one quantity over the last two axes. `component` chooses a vesicle or an entry if a case has several.
 
-    Raises ValueError for a name that the record has not, or fewer than two numbers.
+    Raises:
+        ValueError: the record has no such quantity, or fewer than two numbers vary.
     """
     name, values = _values(record, name, component)
     colors = scale(np.where(np.isfinite(values), values, np.nan))
@@ -108,9 +110,10 @@ def quantity_map(record: SweepRecord, name: str | None = None, component: tuple[
 
 @rc_context(STYLE)
 def curves(record: SweepRecord, name: str | None = None, component: tuple[int, ...] | None = None) -> Figure:
-    """One quantity against the axis with the most values, a curve for each value of the other.
+    """Draws one quantity against the axis with the most values, with one curve for each value of the other axis.
 
-    Raises ValueError for a name that the record has not, a sample, or more than two axes.
+    Raises:
+        ValueError: the record has no such quantity, is a sample, or has more than two axes.
     """
     if record.dims == ("case",) or len(record.dims) > 2:
         raise ValueError("Curves need a grid of one or two axes.")
@@ -156,7 +159,8 @@ def _good(record: SweepRecord) -> np.ndarray:
 
 
 def _panels(record: SweepRecord, values: np.ndarray, draw) -> tuple[Figure, list[Axes]]:
-    """One panel, or one for each value of the first of three axes; `draw(ax, x, y, values, good, computed)`."""
+    """Makes one panel, or one for each value of the first of three axes, with `draw(ax, x, y, values, good,
+    computed)`."""
     names = list(record.coordinates)
     good, computed = _good(record), ~np.isin(record.status, [*DUE, SKIPPED])
     if len(names) < 2:
@@ -197,7 +201,7 @@ def _points(x: np.ndarray, y: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray,
 
 
 def _filled(values: np.ndarray) -> np.ndarray:
-    """The grid with its gaps filled from the nearest point that has a value."""
+    """Returns the grid with missing values replaced by that of the nearest point."""
     there = np.isfinite(values)
     if there.all() or not there.any():
         return values
@@ -206,14 +210,14 @@ def _filled(values: np.ndarray) -> np.ndarray:
 
 
 def _write(ax: Axes, word: str, x: np.ndarray, y: np.ndarray, region: np.ndarray) -> None:
-    """The name of a class, where it has room."""
+    """Writes the name of a class into its region if there is room."""
     if region.mean() > 0.03 and len(x):
         middle = np.argmin((x - np.median(x)) ** 2 / max(np.ptp(x), 1e-9) ** 2 + (y - np.median(y)) ** 2)
         ax.text(x[middle], y[middle], word, ha="center", va="center", fontsize=9, color=INK)
 
 
 def _scale_axis(set_scale, values: np.ndarray) -> None:
-    """Logarithmic where values have equal ratios rather than equal differences."""
+    """Makes the axis logarithmic if the values have equal ratios rather than equal differences."""
     if len(values) > 2 and np.all(values > 0):
         ratios, steps = np.diff(np.log(values)), np.diff(values)
         if np.ptp(ratios) < 1e-6 * abs(ratios).max() < np.ptp(steps):
