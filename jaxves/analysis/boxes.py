@@ -1,8 +1,6 @@
-r"""Numbers in a box as the coordinates that a search walks in, and that uncertainties are judged in.
+r"""Coordinates for numbers with bounds, in which a search moves and uncertainties are expressed.
 
-    c = log value where the box is positive, else the fraction of the box: (value - lower)/(upper - lower)
-
-A positive box is searched in its logarithm: factors count there, not differences.
+c = log value if both bounds are positive, otherwise c = (value - lower)/(upper - lower)
 """
 
 import math
@@ -15,23 +13,27 @@ from jaxtyping import Array, Float
 
 
 class Box(NamedTuple):
-    """Bounds of one number."""
+    """The bounds of one number."""
 
     lower: float
     upper: float
 
     @property
     def positive(self) -> bool:
-        """Whether it is searched in its logarithm."""
+        """Whether the coordinate is the logarithm of the number."""
         return self.lower > 0
 
     def ends(self) -> tuple[float, float]:
-        """Bounds of the coordinate."""
+        """Returns the bounds of the coordinate."""
         return (math.log(self.lower), math.log(self.upper)) if self.positive else (0.0, 1.0)
 
 
 def boxes(bounds: Mapping[str, tuple[float, float]]) -> dict[str, Box]:
-    """Boxes of these bounds. Raises ValueError unless there are some, each two finite numbers, the lower one first."""
+    """Returns the boxes for these bounds, by name.
+
+    Raises:
+        ValueError: there are no bounds, or some are not two finite numbers with the lower one first.
+    """
     if not bounds:
         raise ValueError("bounds are empty, expected one or more numbers of the scene, each with (lower, upper).")
     for name, ends in bounds.items():
@@ -41,13 +43,17 @@ def boxes(bounds: Mapping[str, tuple[float, float]]) -> dict[str, Box]:
 
 
 def to_values(c: Float[Array, "P"], inside: Mapping[str, Box]) -> dict[str, Array]:
-    """The numbers with these coordinates, in the order of `inside`."""
+    """Returns the numbers that have these coordinates, in the order of `inside`."""
     parts = zip(c, inside.items(), strict=True)
     return {n: jnp.exp(c) if box.positive else box.lower + (box.upper - box.lower) * c for c, (n, box) in parts}
 
 
 def to_coordinates(values: Mapping[str, float], inside: Mapping[str, Box]) -> Float[np.ndarray, "P"]:
-    """Back. Raises ValueError for a value that is not inside its box."""
+    """Returns the coordinates of these numbers; the inverse of `to_values`.
+
+    Raises:
+        ValueError: a number is not inside its box.
+    """
     out = []
     for name, box in inside.items():
         value = values[name]
@@ -58,5 +64,5 @@ def to_coordinates(values: Mapping[str, float], inside: Mapping[str, Box]) -> Fl
 
 
 def slopes(values: Mapping[str, float], inside: Mapping[str, Box]) -> Float[np.ndarray, "P"]:
-    """d value/d coordinate of every number."""
+    """Returns d value/d coordinate for every number."""
     return np.array([values[name] if box.positive else box.upper - box.lower for name, box in inside.items()])

@@ -1,18 +1,20 @@
-r"""The critical field β₀, beyond which a vesicle does not stay prolate, and how it depends on all other numbers.
+r"""The critical field β₀, above which a vesicle does not stay prolate, and its derivatives.
 
-A vesicle leaves class P (`phases`) when its least deformation along the field falls below -THRESHOLD:
+A vesicle leaves class P (`observables/classes.py`) if its least deformation along the field is below -THRESHOLD:
 
     g(β, p) = min_t D(t; β, p) + THRESHOLD = 0      at β = β₀(p)
 
-Just below β₀ a vesicle lingers near a square, from which it falls back or over: g drops from a finite value to
-another within a small part of β₀ (without membrane conductance steeply, because the field that holds the square
-fades while the membrane charges; with it the saddle may last, and g jumps). Brent's method needs nothing but the
-change of sign. What depends smoothly on everything is a diagnostic Q at a given instant. Near the saddle all small
-changes are soon along its one unstable direction, and those which cancel there keep the vesicle on the boundary:
+Near β₀ a vesicle stays close to a square for some time. The square is a saddle: the vesicle then becomes prolate again,
+or oblate. g therefore changes by a finite amount in a small interval around β₀. Without membrane conductance it is
+steep, because the field that holds the square decays while the membrane charges. With conductance the saddle may
+persist, and g jumps. Brent's method needs only the change of sign.
 
-    dβ₀/dp = -(∂_p Q)/(∂_β Q)      at β₀, for whatever Q and late t
+A diagnostic Q at a given instant is a smooth function of all numbers. Near the saddle every small change soon points
+along its one unstable direction. Changes that cancel in this direction keep the vesicle on the boundary:
 
-At the instant of least D this with Q = D is exact, as long as g is smooth.
+    dβ₀/dp = -(∂_p Q)/(∂_β Q)      at β₀, for any Q and late t
+
+With Q = D at the instant of least D this is exact if g is smooth.
 """
 
 from collections.abc import Sequence
@@ -40,28 +42,28 @@ QUANTITIES = ("deformation_along_field", "bending_energy", "tension_max")
 
 
 class NoCriticalField(Exception):
-    """The bracket holds no boundary of class P, or a run broke down; the message is one line."""
+    """The bracket contains no boundary of class P, or a run broke down. The message is one line."""
 
 
 class Critical(NamedTuple):
-    """β₀ and what the search saw."""
+    """β₀ and the result of the search."""
 
     beta: float
     uncertainty: float  # half the width of the last bracket
-    least: float  # min_t D there
-    instant: float  # when that is
+    least: float  # min_t D at β₀
+    instant: float  # the time of this minimum
     runs: int
 
 
 class Discretisation(NamedTuple):
-    """By how much β₀ moves with half as many nodes again, and with a tenth of the tolerance."""
+    """The changes of β₀ with 1.5 times the nodes, and with a tenth of the tolerance."""
 
     nodes: float
     step: float
 
 
 class Slopes(NamedTuple):
-    """-(∂_p Q)/(∂_β Q) of each quantity Q at each instant, (T,): dβ₀/dp at late ones, whatever Q."""
+    """-(∂_p Q)/(∂_β Q) for each quantity Q at each saved time, (T,). At late times it is dβ₀/dp for every Q."""
 
     t: Float[np.ndarray, "T"]
     ratios: dict[str, dict[str, Float[np.ndarray, "T"]]]  # by p and Q
@@ -88,7 +90,7 @@ def _history(scene: Scene, t_end, saves: int, march: AbstractMarch, solved_by):
 
 
 def least(t: Float[np.ndarray, "T"], deformation: Float[np.ndarray, "T"]) -> tuple[float, float]:
-    """(instant, value) of the minimum of D: of the polynomial of degree 4 through the saves about the least one."""
+    """Returns time and value of the minimum of D, from a polynomial of degree 4 through the saves near it."""
     i = int(np.clip(np.argmin(deformation), 2, len(t) - 3))
     near = slice(i - 2, i + 3)
     fit = np.polynomial.Polynomial.fit(t[near], deformation[near], 4)
@@ -102,14 +104,17 @@ def least(t: Float[np.ndarray, "T"], deformation: Float[np.ndarray, "T"]) -> tup
 def critical_field(
     scene_file: SceneFile, bracket: tuple[float, float], *, tolerance: float = 1e-6, march: AbstractMarch | None = None
 ) -> Critical:
-    """β₀ of the one vesicle of a scene, between two fields of which only the lower one keeps it prolate.
+    """Returns β₀ of the one vesicle of a scene, found with Brent's method.
 
-    The scene's own β is not used; its `t_end` must leave time to fall over, its `saves` resolve D(t).
-    `tolerance`: relative, of the search alone; see
-    `discretisation_error`. `march` defaults to the scene's.
+    Args:
+        scene_file: the scene. Its β is not used. Its `t_end` must be late enough for the vesicle to become oblate, and
+            its `saves` must resolve D(t).
+        bracket: two fields. The vesicle stays prolate at the lower one and does not at the higher one.
+        tolerance: relative tolerance of the search. `discretisation_error` gives the error of nodes and time steps.
+        march: the time stepping; that of the scene by default.
 
     Raises:
-        NoCriticalField: both ends of the bracket are of the same kind, or a run broke down.
+        NoCriticalField: the vesicle is in the same class at both ends of the bracket, or a run broke down.
     """
     case = _alone(scene_file)
     if np.shape(bracket) != (2,) or not 0 <= bracket[0] < bracket[1] < np.inf:
@@ -144,10 +149,12 @@ def critical_field(
 
 
 def discretisation_error(scene_file: SceneFile, beta: float, *, width: float = 0.02) -> Discretisation:
-    """How much of β₀ = `beta`, found with the numerics of the scene, is owed to them: sought anew within `width`.
+    """Estimates the discretisation error of β₀ = `beta` by searching again with finer numerics.
+
+    The search is limited to the relative interval `width` around `beta`.
 
     Raises:
-        NoCriticalField: it is not there any more, or a run broke down.
+        NoCriticalField: β₀ is not in this interval, or a run broke down.
     """
     numerics = scene_file.numerics
     if numerics.nodes == "auto" or numerics.tolerance is None:
@@ -183,16 +190,16 @@ def slopes(
     names: Sequence[str] = NUMBERS,
     march: AbstractMarch | None = None,
 ) -> Slopes:
-    """How the critical field depends on other numbers of the scene, by forward derivatives of runs at β₀ = `beta`.
+    """Returns the derivatives of the critical field with respect to `names`, by forward mode in runs at β₀ = `beta`.
 
-    Late instants count, while the vesicle lingers or leaves: from that of least D on. Where the scene starts from the
-    shape at rest, its run towards that is differentiated as well.
+    The values at late times are the derivatives: from the time of least D on. If the scene asks for relaxed vesicles,
+    the relaxation is differentiated as well.
     """
     case = _alone(scene_file)
     march = case.march(t_end, saves) if march is None else march
     found = numbers(scene_file) | {"field.beta": beta}
     values = {name: as_float(value) for name, value in found.items()}
-    # The file is there for what it has besides numbers: one compiled program serves all its numbers.
+    # The numbers of the file are replaced by placeholders, so that one compiled program serves all numbers.
     case = Case(with_numbers(scene_file, dict.fromkeys(values, 0.5)))
 
     def along(name):

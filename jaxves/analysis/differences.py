@@ -1,8 +1,8 @@
-"""Derivatives by central differences with an estimate of their own error, to check others by.
+"""Derivatives by finite differences with an error estimate. They are used to check other derivatives.
 
-Ridders' tableau: central differences with steps h, h/2, h/4, … extrapolated after Richardson, row by row; the entry
-that differs least from its neighbours is taken, and by how much it does is its error. Too large a step shows in the
-one direction, round-off in the other.
+The method is Ridders' tableau. Central differences with steps h, h/2, h/4, … are extrapolated by Richardson's rule, row
+by row. The result is the entry that differs least from its neighbours, and this difference is its error estimate. It
+includes the error of too large steps as well as round-off.
 
 C. J. F. Ridders, Accurate computation of F'(x) and F'(x) F''(x), Adv. Eng. Software 4 (1982) 75-76.
 """
@@ -15,14 +15,14 @@ from jaxtyping import Float
 
 
 class Difference(NamedTuple):
-    """A derivative for every output, and the error it believes to have."""
+    """A derivative of every output, and its estimated error."""
 
     value: Float[np.ndarray, "Q"]
     error: Float[np.ndarray, "Q"]
 
 
 def central(function: Callable[[float], Float[np.ndarray, "Q"]], x: float, step: float, *, rows: int = 4) -> Difference:
-    """df/dx at x, by steps from `step` down to `step`/2^(rows-1)."""
+    """Returns df/dx at x by central differences, with steps from `step` down to `step`/2^(rows-1)."""
     steps = step * 0.5 ** np.arange(rows)
     return _best([(function(x + h) - function(x - h)) / (2 * h) for h in steps], order=2, every=2)
 
@@ -30,14 +30,14 @@ def central(function: Callable[[float], Float[np.ndarray, "Q"]], x: float, step:
 def one_sided(
     function: Callable[[float], Float[np.ndarray, "Q"]], x: float, step: float, *, rows: int = 5
 ) -> Difference:
-    """df/dx at x from the side of `step`, which may be negative: for an x at the end of its range."""
+    """Returns df/dx at x by one-sided differences, for an x at the end of its range. `step` may be negative."""
     steps = step * 0.5 ** np.arange(rows)
     at = function(x)
     return _best([(function(x + h) - at) / h for h in steps], order=1, every=1)
 
 
 def _best(column: list[Float[np.ndarray, "Q"]], order: int, every: int) -> Difference:
-    """Extrapolates a column of values for halved steps h, whose errors are h^order, and so on in `every`."""
+    """Extrapolates values for steps that are halved. Their error has the powers order, order + every, … of the step."""
     column = np.array(column)
     best, error = column[-1].copy(), np.full(column.shape[1:], np.inf)
     while len(column) > 1:

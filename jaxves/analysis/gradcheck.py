@@ -1,8 +1,8 @@
-"""Are the derivatives of a scene right? Forward and reverse mode and differences, for every number of it.
+"""Checks the derivatives of a scene: forward mode, reverse mode and finite differences for every number.
 
-A disagreement of forward and reverse beyond 1e-8, or of forward and differences beyond 1e-6 and what the differences
-themselves are worth, is one. Relative to the derivative; where that vanishes, as by symmetry, to a thousandth of what
-one would expect of it, the diagnostic over the number.
+Derivatives disagree if forward and reverse mode differ by more than 1e-8, or forward mode and finite differences by
+more than 1e-6 plus the estimated error of the finite differences. These values are relative to the derivative. If the
+derivative is zero, as by symmetry, they are relative to a thousandth of the ratio of the diagnostic to the number.
 """
 
 import math
@@ -29,12 +29,15 @@ MODES_AGREE, DIFFERENCES_AGREE, WORTHLESS = 1e-8, 1e-6, 1e-4
 _SMOOTH = ("deformation", "inclination", "center", "bending_energy", "tank_treading_speed", "stress")
 _IN_FIELD, _OF_PAIRS = ("dipole", "dissipation"), ("min_gap",)
 _LOWEST = {"beta": 0.0, "conductivity_ratio": 0.0, "membrane_conductance": 0.0}
-_STEP = 1e-2  # of differences, relative
-_SIZE = {"angle": 10.0, "offset_angle": 10.0, "phase": 10.0}  # what a small number is measured by, else 0.3
+_STEP = 1e-2  # relative step of the finite differences
+_SIZE = {"angle": 10.0, "offset_angle": 10.0, "phase": 10.0}  # scale of numbers that may be small; 0.3 for others
 
 
 class Row(NamedTuple):
-    """One derivative: the component that depends most on the number is shown, the worst one judged."""
+    """One derivative. The values are those of the component that depends most on the number.
+
+    The deviations and the verdict are those of the worst component.
+    """
 
     number: str
     quantity: str
@@ -43,12 +46,12 @@ class Row(NamedTuple):
     differences: float
     modes: float  # relative deviation of forward and reverse
     deviation: float  # of forward and differences
-    doubt: float  # of differences
-    verdict: str  # "agree", "DISAGREE", "no verdict", or why there is none
+    doubt: float  # estimated error of the finite differences
+    verdict: str  # "agree", "DISAGREE", or "no verdict" with a reason
 
 
 class BrokenDown(Exception):
-    """The run that is to be differentiated does not reach its end; the message is its status in a word."""
+    """The run does not reach its end, so its derivatives are not checked. The message is its status word."""
 
 
 def _completed(case: Case, t_end: float, march: Fixed) -> None:
@@ -62,7 +65,7 @@ def _completed(case: Case, t_end: float, march: Fixed) -> None:
 
 
 def quantities_of(scene_file: SceneFile) -> tuple[str, ...]:
-    """The diagnostics that are checked: smooth ones, without maxima over nodes."""
+    """Returns the names of the diagnostics that are checked; maxima over nodes are left out, as they are not smooth."""
     several = len(scene_file.vesicles()) > 1
     return _SMOOTH + (_IN_FIELD if scene_file.field else ()) + (_OF_PAIRS if several else ())
 
@@ -76,13 +79,13 @@ def _why_not(name: str, value: float) -> str | None:
 def check_gradients(
     scene_file: SceneFile, t_end: float, steps: int, *, progress: Callable[[str], None] = lambda text: None
 ) -> Iterator[Row]:
-    """The rows of all numbers of a scene, for its diagnostics after `steps` fixed steps to `t_end`.
+    """Yields the rows for all numbers of a scene, for its diagnostics after `steps` fixed steps to `t_end`.
 
-    The scheme is the scene's `method`; its tolerance or time step gives way to `steps`.
+    The scheme is the `method` of the scene. Its tolerance or time step is replaced by `steps`.
 
     Raises:
-        SceneError: the scene has a key that no derivative can honour, such as `nodes = "auto"`.
-        BrokenDown: the run with the scene's own numbers is not complete.
+        SceneError: the scene has a key that derivatives do not support, such as `nodes = "auto"`.
+        BrokenDown: the run with the numbers of the scene does not reach its end.
     """
     case = Case.of(scene_file, GRADIENT_CHECK)
     march = Fixed(steps, case.march().stepper)
@@ -105,7 +108,7 @@ def check_gradients(
 
         def run(x, name=name):
             found, _ = pushed(outcome, values | {name: as_float(x)}, unit(values, 0))
-            # An axis along y has the angle π/2 or -π/2: the one that is near counts.
+            # An axis along y has the angle π/2 or -π/2; the nearer one is used.
             found = found | {"inclination": turned(outputs["inclination"], found["inclination"])}
             return np.asarray(ravel_pytree(found)[0])
 

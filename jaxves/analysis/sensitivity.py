@@ -1,9 +1,9 @@
-r"""How diagnostics depend on the numbers of a scene: first and second derivatives, of runs and of steady shapes.
+r"""First and second derivatives of diagnostics with respect to the numbers of a scene, for runs and steady shapes.
 
-`AtEnd` and `AtRest` are functions of the numbers (`parameters`), {name: value} -> {diagnostic: array}; any such
-function will do. With P numbers and Q outputs a Jacobian costs P forward passes of about 1.5 to 3 runs each, or Q
-reverse ones of 5: forward is the choice for a few numbers, reverse for many numbers and one output. Every pass is the
-same compiled program with another direction, so that memory does not grow with P and Q.
+`AtEnd` and `AtRest` are functions {name of a number: value} -> {diagnostic: array}. Any other function of this kind can
+be used as well. With P numbers and Q outputs, a Jacobian costs P forward passes of about 1.5 to 3 runs each, or Q
+reverse passes of about 5 runs each. Use forward mode for a few numbers, and reverse mode for many numbers and one
+output. Every pass is the same compiled program with another direction, so memory does not grow with P and Q.
 
     jacobian   ∂Q/∂p                    second_order   ∂²Q/∂p∂p'
 """
@@ -45,13 +45,14 @@ def _chosen(found: Mapping[str, Array], quantities: Sequence[str]) -> dict[str, 
 
 
 class AtEnd(eqx.Module):
-    """Diagnostics at the end of a run of `scene_file`, or their averages over its window, as functions of its numbers.
+    """Diagnostics at the end of a run of `scene_file`, or their time averages, as functions of its numbers.
 
-    Vesicles that the file wants relaxed are relaxed first. Values are NaN where a run breaks down.
+    Vesicles are relaxed first if the file asks for it. Values are NaN if a run breaks down. `t_end` and `march` are
+    those of the file by default. `averaged` asks for the averages over the window `average` of the file.
 
     Raises:
-        SceneError: the file has a key that a sensitivity cannot honour, such as `nodes = "auto"` or `[stop]`.
-        ValueError: an unknown diagnostic, or averages of a file without `average`.
+        SceneError: the file has a key that sensitivities do not support, such as `nodes = "auto"` or `[stop]`.
+        ValueError: a diagnostic is unknown, or averages are asked for and the file has no `average`.
     """
 
     scene_file: SceneFile = eqx.field(static=True)
@@ -73,7 +74,7 @@ class AtEnd(eqx.Module):
         return Case(self.scene_file).march(self.t_end, 1) if self.march is None else self.march
 
     def forwards(self) -> "AtEnd":
-        """The same for forward mode alone, whose steps need not be recorded."""
+        """Returns the same function for forward mode only, which does not have to record the steps."""
         return dataclasses.replace(self, march=self._march().forwards())
 
     def __call__(self, values):
@@ -86,9 +87,13 @@ class AtEnd(eqx.Module):
 
 
 class AtRest(eqx.Module):
-    """Diagnostics of the steady shape near `start`; its derivatives are implicit, with no run behind them (`steady`).
+    """Diagnostics of the steady shape near `start`, as functions of the numbers of `scene_file`.
 
-    The end of a run is a good `start`. First derivatives only. Raises SceneError as `AtEnd` does.
+    Derivatives follow from the implicit function theorem (`steady`) and need no run. Only first derivatives are
+    correct. The end of a run is a good `start`.
+
+    Raises:
+        SceneError: as for `AtEnd`.
     """
 
     scene_file: SceneFile = eqx.field(static=True)
@@ -110,7 +115,7 @@ def _traced(values: Mapping[str, ScalarLike]) -> dict[str, Array]:
 
 
 def unit(like, i: int):
-    """The i-th unit vector of all entries of a pytree."""
+    """Returns a pytree like `like` whose i-th entry is 1 and whose other entries are 0."""
     flat, unflatten = ravel_pytree(like)
     return unflatten(jnp.zeros_like(flat).at[i].set(1.0))
 
@@ -121,14 +126,14 @@ def _forwards(outcome: Outcome) -> Outcome:
 
 @eqx.filter_jit
 def pushed(outcome: Outcome, values, tangent):
-    """(outputs, their derivative in the direction `tangent`)."""
+    """Returns the outputs and their derivative in the direction `tangent`."""
     outcome = _forwards(outcome)
     return jax.jvp(outcome, (values,), (tangent,))
 
 
 @eqx.filter_jit
 def pulled(outcome: Outcome, values, weights):
-    """(outputs, the derivative of their sum with `weights` in every number)."""
+    """Returns the outputs and the derivative of their sum with `weights` with respect to every number."""
     outputs, pull = jax.vjp(outcome, values)
     return outputs, pull(weights)[0]
 
@@ -145,7 +150,7 @@ def _curved(outcome: Outcome, values, first, second):
 
 @eqx.filter_jit
 def hessian_product(outcome: Outcome, values, weights, tangent):
-    """The second derivative of the outputs' sum with `weights`, applied to `tangent`: forward over reverse."""
+    """Returns the Hessian of the outputs' sum with `weights`, applied to `tangent`; forward over reverse mode."""
 
     def gradient(values):
         return jax.vjp(outcome, values)[1](weights)[0]
@@ -156,9 +161,9 @@ def hessian_product(outcome: Outcome, values, weights, tangent):
 def jacobian(
     outcome: Outcome, values: Mapping[str, ScalarLike], *, reverse: bool = False
 ) -> tuple[dict[str, Array], dict[str, dict[str, np.ndarray]]]:
-    """(outputs, derivatives by output and number), at these values of the numbers.
+    """Returns the outputs and their derivatives, by output and number, at these values of the numbers.
 
-    `reverse`: a pass for each entry of the outputs instead of one for each number.
+    With `reverse` there is one pass for each entry of the outputs, otherwise one for each number.
     """
     values = _traced(values)
     if not reverse:
@@ -178,10 +183,10 @@ def _from_rows(outputs, rows, values):
 
 
 def gradient(outcome: Outcome, values: Mapping[str, ScalarLike]) -> dict[str, float]:
-    """The derivative of the one number that `outcome` gives in all `values`: one reverse pass.
+    """Returns the derivatives of a single output number with respect to all `values`, with one reverse pass.
 
     Raises:
-        ValueError: it gives several.
+        ValueError: `outcome` has more than one output number.
     """
     values = _traced(values)
     shapes = jax.tree.leaves(eqx.filter_eval_shape(outcome, values))
@@ -193,7 +198,7 @@ def gradient(outcome: Outcome, values: Mapping[str, ScalarLike]) -> dict[str, fl
 
 
 def second_order(outcome: Outcome, values: Mapping[str, ScalarLike]) -> dict[str, dict[tuple[str, str], np.ndarray]]:
-    """All second derivatives by output and pair of numbers, forward over forward; not of `AtRest`."""
+    """Returns all second derivatives by output and pair of numbers, forward over forward mode; not for `AtRest`."""
     values = _traced(values)
     names = sorted(values)
     out: dict[str, dict[tuple[str, str], np.ndarray]] = {}

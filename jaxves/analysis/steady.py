@@ -1,17 +1,18 @@
-r"""States whose shape stands still, by Newton's method, and their derivatives without a history.
+r"""Steady shapes by Newton's method, and their derivatives by the implicit function theorem.
 
-A tank-treading vesicle is no fixed point of y' = F(y): its nodes move along the outline, and it may drift. Its shape
-is one. With v̄ the mean velocity, n and t the frame, the shape and the potential on it stand still when
+A tank-treading vesicle is not a fixed point of y' = F(y), because its nodes move along the outline and it may drift.
+Its shape is steady. With the mean velocity v̄ and the frame n, t, the shape and the potential on it are steady if
 
     (v - v̄)·n = 0,        dV_m/dt - ((v - v̄)·t) ∂_s V_m = 0
 
-Whatever these leave open is fixed by what a run keeps: area, uniform metric and with it the perimeter, ∮ V_m ds = 0;
-and by a gauge: centroid and first node stay where the start has them. More equations than unknowns, but consistent
-ones: Gauss and Newton's step with the pseudo-inverse converges quadratically, and the implicit function theorem reads
+Further equations are the quantities that a run conserves: the area, the uniform metric (and with it the perimeter), and
+∮ V_m ds = 0. The centroid and the first node are kept at their positions in the start. There are more equations than
+unknowns, but they are consistent. The Gauss-Newton step with the pseudo-inverse then converges quadratically, and the
+implicit function theorem is
 
     dy = -R_y⁺ R_p dp
 
-Directions that nothing fixes, like the direction of a vesicle in a fluid at rest, stay as they are.
+Directions that no equation fixes stay unchanged, such as the direction of a vesicle in a fluid at rest.
 """
 
 import equinox as eqx
@@ -30,27 +31,27 @@ from ..numerics.linear import AbstractSolver
 from ..observables import diagnostics
 from ..physics.scene import Scene
 
-_SETTLED = 1e-8  # last changes below this change nothing that matters
-_LOST = 10.0  # and above this nothing is found any more
-_LOOSE = 1e-9  # singular values below this, relative to the largest, belong to directions that nothing fixes
+_SETTLED = 1e-8  # the iteration has converged if the last change is smaller
+_LOST = 10.0  # the iteration has diverged if a change is larger
+_LOOSE = 1e-9  # relative singular values below this belong to directions that no equation fixes
 
 
 class Steady(eqx.Module):
-    """A state whose shape stands still, what is found there, and how well it solves the equations."""
+    """A steady state, its diagnostics, and the residual of its equations."""
 
     y: Unknowns
     diagnostics: dict[str, Array]
-    residual: Scalar  # largest velocity, relative stretch or rate of V_m left
-    last_step: Scalar  # largest change of the last iteration
+    residual: Scalar  # largest remaining velocity, relative stretch or rate of V_m
+    last_step: Scalar  # largest change in the last iteration
 
     @property
     def converged(self) -> Array:
-        """Whether the last iteration changed nothing that matters; diagnostics are NaN otherwise."""
+        """Whether the iteration has converged; diagnostics are NaN otherwise."""
         return self.last_step < _SETTLED
 
 
 def _along_outline(motion: Motion, y: Unknowns):
-    """(normal velocity (N,), rate of V_m (N,) or None) at fixed places on the outline of the one vesicle."""
+    """Returns the normal velocity (N,) and the rate of V_m (N,), or None, at fixed places on the outline."""
     curves = motion.surfaces.curves
     weights = curves.weights[..., None] / jnp.sum(curves.weights)
     relative = motion.velocity - jnp.sum(weights * motion.velocity, axis=1, keepdims=True)
@@ -62,7 +63,7 @@ def _along_outline(motion: Motion, y: Unknowns):
 
 
 def _residual(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R"]:
-    """All equations; `anchor` is the outline from which the gauge is taken."""
+    """Returns the residuals of all equations. `anchor` is the outline that defines centroid and first node."""
     filter = equation.filter
     motion = equation.motion(jnp.zeros(()), y)
     outline = jax.tree.map(lambda leaf: leaf[0], motion.surfaces.curves)
@@ -87,15 +88,15 @@ def _residual(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R
 
 
 def steady_shape(scene: Scene, start: Unknowns, *, most: int = 30, solver: AbstractSolver | None = None) -> Steady:
-    """The steady shape near `start`, of the area and perimeter of `scene.x`; field and flow as they are at t = 0.
+    """Returns the steady shape near `start`, with the area and perimeter of `scene.x`, and field and flow at t = 0.
 
-    Pure: under `jit`, and differentiable once, in either mode and in whatever the scene depends on, at the cost of
-    one linear solve (a second derivative would need that of the pseudo-inverse, which is taken as constant). `start`
-    has no derivative: take the end of a run. Stable or not, a nearby steady shape is found; where Newton's method does
-    not converge, diagnostics are NaN.
+    The function is pure. It is differentiable once, forward or reverse, in everything the scene depends on; this costs
+    one linear solve. Second derivatives are wrong, because the pseudo-inverse is taken as constant. `start` has no
+    derivative; the end of a run is a good choice. The steady shape may be unstable. If Newton's method does not
+    converge, the diagnostics are NaN.
 
     Raises:
-        ValueError: the scene has several vesicles, which do not come to rest relative to each other in general.
+        ValueError: the scene has several vesicles. In general they do not come to rest relative to each other.
     """
     if scene.x.shape[0] != 1:
         raise ValueError(f"A steady shape is sought of one vesicle, but the scene has {scene.x.shape[0]}.")
@@ -127,7 +128,7 @@ def _by_newton(scene: Scene, start: Unknowns, most: int, solver: AbstractSolver 
         return *jax.lax.stop_gradient(newton(u)), count + 1
 
     u, *_ = jax.lax.while_loop(unsettled, iterate, (flat, jnp.asarray(1.0), jnp.int32(1)))
-    # One more, from a constant: its derivative is the implicit one.
+    # One more step from a constant state. Its derivative is that of the implicit function theorem.
     u, change = newton(jax.lax.stop_gradient(u))
     y = unflatten(u)
     found = diagnostics.diagnose(equation, jnp.zeros(()), y, equation.motion(jnp.zeros(()), y))

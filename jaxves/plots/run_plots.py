@@ -147,8 +147,7 @@ def _curves(record, name: str) -> tuple[np.ndarray, str]:
 
 
 def streamlines(equation: Equation, t: float, y: Unknowns, **how) -> Figure:
-    """Draws streamlines of the fluid at one instant; membranes are coloured by tension. `how` is as in
-    `field_lines`."""
+    """Draws streamlines at one instant; membranes are coloured by tension. `how` is as in `field_lines`."""
     return _lines(equation, t, y, "tension", **how)
 
 

@@ -78,8 +78,7 @@ def quantity_label(name: str) -> str:
 
 
 def component_label(name: str, shape: tuple[int, ...], index: tuple[int, ...]) -> str:
-    """Returns the label of one curve: vesicles are numbered from 1, components are x and y; axes of length 1 have
-    none."""
+    """Returns the label of one curve: vesicles are numbered from 1, components are x and y."""
     dims = QUANTITIES[name].dims[1:] if name in QUANTITIES else ("vesicle",) * len(index)
     return "".join(
         (f"{i + 1} " if dim == "vesicle" else "xy"[i])

@@ -159,8 +159,10 @@ def _good(record: SweepRecord) -> np.ndarray:
 
 
 def _panels(record: SweepRecord, values: np.ndarray, draw) -> tuple[Figure, list[Axes]]:
-    """Makes one panel, or one for each value of the first of three axes, with `draw(ax, x, y, values, good,
-    computed)`."""
+    """Makes a panel, or one for each value of the first of three axes.
+
+    `draw(ax, x, y, values, good, computed)` draws into a panel.
+    """
     names = list(record.coordinates)
     good, computed = _good(record), ~np.isin(record.status, [*DUE, SKIPPED])
     if len(names) < 2:

@@ -1,14 +1,14 @@
-"""From a scene file to a result file.
+"""Runs: from a scene file to a result file.
 
-build           the tables of a scene file to a scene
-case            a scene file with the numbers that are free: scene, equation, march, result
-rest            vesicles relaxed before a run
-problem         what a run computes, with its number of nodes
-adapt_nodes     more nodes when they are needed
-error_estimate  the error of a whole run, from a coarser one
-earlier         a run that starts from another
-continuation    a run that goes on from its own file
-rows            rows on their way into the result file
-beginning       how a run begins: new, from an earlier one, or at the end of its own file
+build           builds a scene from the tables of a scene file
+case            a scene file as a function of its numbers: scene, equation, time stepping, result
+rest            relaxes vesicles before a run
+problem         everything that time stepping needs, for one number of nodes
+adapt_nodes     adapts the number of nodes during a run
+error_estimate  estimates the error of a whole run with a second run
+earlier         starts a run from the result of another
+continuation    decides whether a result file can be continued
+rows            a buffer of rows that are written to the result file
+beginning       begins a run: a new one, one from an earlier result, or a continued one
 runner          `run`
 """

@@ -1,15 +1,15 @@
-"""`nodes = "auto"`: as many nodes as the shape, the potential and the tension ask for, from one saved time to the next.
+"""Adapts the number of nodes to the shape, the potential and the tension, for `nodes = "auto"`.
 
-A stretch between saved times is marched with some number of nodes. When its end is not resolved with them, or is not
-reached, the stretch is made anew with more, so that nothing unresolved stays; when its end would be resolved with
-fewer, the next stretch has fewer. Unresolved are
+The interval between two saved times is computed with a certain number of nodes. If its end is not reached or not
+resolved, the interval is computed again with more nodes. If its end would be resolved with fewer nodes, the next
+interval has fewer. The end of an interval is not resolved if
 
-- a spectrum (of x or V_m) whose top is above `limit` of its largest mode; that of the tension above 1000 times that,
-  since a mode k of λ moves the membrane by 1/k³ of it;
-- a neck or fold narrower than four nodes, where Kress's quadrature does not see the other side.
+- the top of a spectrum of x or V_m exceeds `limit` times its largest mode, or that of the tension 1000 times this value
+  (a mode k of λ moves the membrane by a factor of 1/k³ less); or
+- a neck or fold is narrower than four node spacings.
 
-Each number of nodes is compiled once. The interpolant of the nodes goes on when their number changes; projected, so
-that area, perimeter and equal spacing stay what they are.
+The program for each number of nodes is compiled once. When the number changes, the new nodes lie on the interpolant of
+the old ones. They are projected, so that area, perimeter and equal spacing are kept.
 """
 
 from collections.abc import Callable
@@ -28,11 +28,11 @@ from .build import build
 from .case import Case
 from .problem import AUTO_NODES, Problem, awaited, problem_of, strengthened, with_nodes
 
-_TENSION = 1e3  # its limit in units of that of x and V_m
-_NECK = 4.0  # nodes along the narrowest chord
-_HYSTERESIS = 0.1  # of the limit, below which fewer nodes will do
+_TENSION = 1e3  # limit of the tension divided by that of x and V_m
+_NECK = 4.0  # least number of node spacings along the narrowest chord
+_HYSTERESIS = 0.1  # fewer nodes are used if they stay below this fraction of the limit
 _FEWEST = 12
-_LOOSER = 30.0  # times the limit, for nodes that a second run may be without
+_LOOSER = 30.0  # factor on the limit for a second run with fewer nodes
 _RESOLVABLE = frozenset({status.UNRESOLVED, status.DRIFT, status.SOLVE_FAILED, status.SELF_CONTACT}) | {
     status.COLLISION,
     status.STEP_UNDERFLOW,
@@ -55,13 +55,13 @@ def _resampled(equation: Equation, y: Unknowns) -> Unknowns:
 
 
 def finer_rows(f: np.ndarray, K: int) -> np.ndarray:
-    """f (T, M, N, ...) on K nodes."""
+    """Interpolates f (T, M, N, ...) to K nodes."""
     N = f.shape[2]
     return f if K == N else np.moveaxis(np.moveaxis(f, 2, -1) @ fourier.resampling_matrix(N, K).T, -1, 2)
 
 
 def _tail(f: np.ndarray, N: int, cut: int) -> float:
-    """As `fourier.spectral_tail`, of f (M, nodes, ...) were it given on N nodes; at worst."""
+    """Returns the largest `fourier.spectral_tail` of f (M, nodes, ...), as if f were given on N nodes."""
     size = np.abs(np.fft.rfft(f, axis=1)).reshape(len(f), f.shape[1] // 2 + 1, -1).max(axis=2)
     last = N // 2 - cut
     top = size[:, last - max(last // 8, 2) + 1 : last + 1].max(axis=1)
@@ -69,25 +69,26 @@ def _tail(f: np.ndarray, N: int, cut: int) -> float:
 
 
 def demand(row: Row, N: int) -> float:
-    """How badly the saved instant `row` (one row) needs more than N nodes: unresolved in units of the limit of x."""
+    """Returns the largest spectral tail of one saved row on N nodes, in units of the limit of x."""
     cut = Filter.for_nodes(N)
     found = [_tail(row["x"][0], N, cut.x), _tail(row["tension"][0], N, cut.surface) / _TENSION]
-    if "V_m" in row and np.max(np.ptp(row["V_m"][0], axis=1)) > 1e-8:  # where it does not vary, it is round-off
+    if "V_m" in row and np.max(np.ptp(row["V_m"][0], axis=1)) > 1e-8:  # otherwise its variation is round-off
         found.append(_tail(row["V_m"][0], N, cut.surface))
     return max(found)
 
 
 def necks_hold(row: Row, N: int) -> bool:
-    """Whether the narrowest chords of all vesicles have nodes enough."""
+    """Returns whether N nodes are enough for the narrowest chords of all vesicles."""
     spacing = row["diagnostics/length"] / N
     return bool(np.all(row["diagnostics/self_gap"] >= _NECK * spacing))
 
 
 class Resolution:
-    """The numbers of nodes that a run may use, and the problem with each; rows hold the greatest.
+    """The numbers of nodes that a run may use, with the problem for each. Rows are stored with the largest number.
 
-    `limit`: of the spectrum of x and V_m; a run with one number of nodes keeps it. `anew` gives the problem with N
-    nodes from the scene file, whose curves more nodes show better; without it the nodes of `problem` are all there is.
+    `limit` is that for the spectrum of x and V_m. `anew(N)` builds the problem with N nodes from the scene file, whose
+    curves are more accurate than an interpolant of fewer nodes. If it returns None, the nodes of `problem` are
+    interpolated.
     """
 
     def __init__(
@@ -104,13 +105,13 @@ class Resolution:
         self.first = problem
 
     def other(self, nodes: float, tolerance: float) -> tuple["Resolution", State]:
-        """The same run with about `nodes` times its nodes and `tolerance` times its tolerance, and its state at t = 0.
+        """Returns the same run with about `nodes` times its nodes and `tolerance` times its tolerance, and its start.
 
-        Where nodes follow the need of the run, their limit moves as the error of time does.
+        If the number of nodes is adapted, the limit of the spectra is changed as well.
         """
         march = self.first.march.with_tolerance(tolerance)
         sizes = tuple(max(2 * round(0.5 * nodes * N), _FEWEST) for N in self.sizes)
-        if nodes > 1:  # those there are already come first: they are compiled
+        if nodes > 1:  # sizes of this run are used first, because they are compiled already
             sizes = tuple(sorted({*self.sizes[1:], *sizes[-1:]}))
         elif len(self.sizes) > 1:
             sizes = (*sizes[:1], *self.sizes[:-1])
@@ -123,14 +124,17 @@ class Resolution:
         return other, first.state if problem else other._moved(first.state, N)
 
     def problem(self, N: int) -> Problem:
-        """The problem with N nodes."""
+        """Returns the problem with N nodes."""
         if N not in self._problems:
             equation = strengthened(eqx.filter_jit(Equation.with_nodes)(self.first.equation, N))
             self._problems[N] = eqx.tree_at(lambda p: p.equation, self.first, equation)
         return self._problems[N]
 
     def row(self, state: State, t_save: float) -> tuple[State, Row]:
-        """The state at the next saved time with the nodes that `state` has, and the row: empty when the run ended."""
+        """Advances to the next saved time with the nodes of `state`; returns the state and the row.
+
+        The row is empty if the run ended before.
+        """
         problem = self.problem(state.y.x.shape[1])
         state, row = awaited(_march(problem, state, np.asarray(t_save)))
         row = {name: np.asarray(value) for name, value in row.items()}
@@ -139,13 +143,16 @@ class Resolution:
         return state, row | {"steps": np.full(len(row["t"]), int(state.steps))}
 
     def stored(self, row: Row) -> Row:
-        """The row with the number of nodes that all rows have, and the number that was used."""
+        """Returns the row interpolated to the number of nodes of all rows, with the number that was used."""
         count, M, N = row["x"].shape[:3]
         finer = {name: finer_rows(row[name], self.sizes[-1]) for name in ("x", "V_m", "tension") if name in row}
         return row | finer | {"nodes": np.full((count, M), N)}
 
     def stepped(self, state: State, t_save: float) -> tuple[State, Row]:
-        """The state to go on with from the next saved time, and the row for it: empty when the run ended before."""
+        """Advances to the next saved time and adapts the number of nodes; returns the state and the row.
+
+        The row is empty if the run ended before.
+        """
         N = state.y.x.shape[1]
         after, row = self.row(state, t_save)
         while self._wants_more(after, row, N):
@@ -173,11 +180,14 @@ class Resolution:
 
 
 def resolution_of(scene_file: SceneFile, problem: Problem) -> Resolution:
-    """One number of nodes, or those of "auto" from the start's on; a hundredth of the tolerance goes to space."""
+    """Returns the numbers of nodes for a run: a fixed one, or those of "auto".
+
+    For "auto" the limit of the spectra is a hundredth of the tolerance, in [1e-9, 1e-5].
+    """
     x = problem.equation.scene.x
 
     def anew(N: int) -> Problem | None:
-        """None for a start that the file does not describe by itself: relaxed, or taken from another run."""
+        """Returns None if the start is not the one that the file describes: relaxed, or taken from another run."""
         own = build(with_nodes(scene_file, x.shape[1])).x
         if not np.allclose(own, x, rtol=0.0, atol=1e-12):
             return None

@@ -1,4 +1,4 @@
-"""How a run begins: with a new result file, from the end of an earlier one, or at the last row of its own."""
+"""Begins a run: with a new result file, from an earlier result, or after the last row of its own file."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -22,14 +22,14 @@ from .earlier import started_from
 from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
 from .rows import Rows, description, restored
 
-# In the restart: nodes (relaxed and all) and, where it does not vanish, potential at t = 0, before they were filtered.
+# Names in the restart state: nodes (after relaxation) and, if not zero, potential at t = 0, before they are filtered.
 _START, _START_V_m = "start", "start_V_m"
 
-Progress = Callable[[float, str], None]  # time reached, what to say of it
+Progress = Callable[[float, str], None]  # time reached, text to show
 
 
 class Begun(NamedTuple):
-    """A run with its file open, at the last row in it."""
+    """A run with its file open, after the last row in it."""
 
     resolution: Resolution
     state: State
@@ -40,7 +40,7 @@ class Begun(NamedTuple):
 def _started(
     scene_file: SceneFile, start: str | Path | None, at: float | None, progress: Progress
 ) -> tuple[Scene, dict[str, str], NotRelaxed | None]:
-    """The scene at t = 0, what the file shall say of its origin, and why it has not come to rest if it had to."""
+    """Returns the scene at t = 0, attributes that describe its origin, and the error if a vesicle did not relax."""
     if start is not None:
         scene, words = started_from(start, at, scene_file)
         return scene, {"started_from": words}, None
@@ -57,14 +57,14 @@ def _started(
 def new(
     scene_file: SceneFile, path: Path, force: bool, start: str | Path | None, at: float | None, progress: Progress
 ) -> Begun:
-    """A new run, with its first row in the file. The arguments are those of `runner.run`."""
+    """Begins a new run and writes its first row. The arguments are those of `runner.run`."""
     case, (scene, origin, failed) = Case(scene_file), _started(scene_file, start, at, progress)
     progress(0.0, "compiling")
     problem = strengthened(problem_of(case, scene))
     resolution = resolution_of(scene_file, problem)
     state, row = resolution.row(problem.state, 0.0)
     row = resolution.stored(row)
-    # Nothing has moved; but a start may be beyond the limits already.
+    # The state has not changed, but the start may already exceed the limits.
     state = eqx.tree_at(lambda s: s.status, problem.state, state.status)
     _, M, N = row["x"].shape[:3]
     symmetry = problem.equation.symmetry
@@ -86,9 +86,9 @@ def new(
 
 
 def continued(scene_file: SceneFile, path: Path) -> Begun:
-    """The run in the file, at its last row.
+    """Returns the run in the file, after its last row.
 
-    Nodes are not sought and vesicles not relaxed again: the file has the start.
+    The starting shapes come from the file, so that vesicles are not relaxed again.
     """
     deformation = run_store.read_result(path).diagnostics.get("deformation_along_field", ())
     leaves = run_store.state(path)
@@ -97,7 +97,7 @@ def continued(scene_file: SceneFile, path: Path) -> Begun:
     scene = eqx.tree_at(lambda s: (s.x, s.V_m), build(scene_file), given, is_leaf=lambda leaf: leaf is None)
     problem = strengthened(problem_of(Case(scene_file), scene))
     state = restored(problem.state, leaves, path)
-    # Until here the file is untouched, whatever fails or interrupts.
+    # Until here the file is unchanged, also after an error or an interrupt.
     rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start)
     rows.deformation.extend(deformation)
     rows.state = state

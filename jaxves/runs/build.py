@@ -1,6 +1,6 @@
-"""From a scene file to a scene: nodes on curves, radians for degrees, arrays for numbers.
+"""Builds a scene from a scene file: nodes on curves, radians instead of degrees, arrays instead of numbers.
 
-The tables of the file may hold traced arrays in place of their numbers (`parameters`).
+The tables of the file may contain traced arrays instead of numbers (`inputs/parameters.py`).
 """
 
 import math
@@ -32,11 +32,11 @@ from ..physics import flow, waveform
 from ..physics.electric import Field
 from ..physics.scene import Scene, make_scene
 
-_NODES = 64  # to begin with, where the number is found while running ("auto")
+_NODES = 64  # first number of nodes for `nodes = "auto"`
 
 
 def build(scene_file: SceneFile) -> Scene:
-    """The scene as the file describes it; vesicles to be relaxed first are not relaxed yet."""
+    """Returns the scene that the file describes. Vesicles with `relaxed = true` are not relaxed yet."""
     N = _NODES if scene_file.numerics.nodes == "auto" else scene_file.numerics.nodes
     vesicles = scene_file.vesicles(jnp)
     return make_scene(
@@ -48,12 +48,13 @@ def build(scene_file: SceneFile) -> Scene:
 
 
 def scene_of(scene_file: SceneFile, values: Mapping[str, ScalarLike]) -> Scene:
-    """The scene with these numbers in place of the file's: pure, differentiable and batchable in them.
+    """Returns the scene with `values` in place of the numbers of the file with these names.
 
-    Vesicles that are to be relaxed first are not relaxed yet (`Case.at_rest`). Values are not checked.
+    The function is pure, and differentiable and batchable in the values. Vesicles with `relaxed = true` are not relaxed
+    yet (`Case.at_rest`). Values are not checked.
 
     Raises:
-        SceneError: the scene has no number of such a name.
+        SceneError: the scene has no number with such a name.
     """
     return build(with_numbers(scene_file, values))
 

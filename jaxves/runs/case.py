@@ -1,7 +1,7 @@
-"""One case: from a scene file and the numbers that are free to the scene, the steps, the solvers and the result.
+"""A scene file as a function of its numbers: it gives the scene, the time stepping, the solvers and the result.
 
-Everything that computes from a scene file goes this way, so that a key means the same in a run, a sweep, a fit, a
-sensitivity and a critical field. What a use cannot honour it refuses (`jaxves.uses`).
+Everything that computes from a scene file uses `Case`. A key therefore means the same in a run, a sweep, a fit, a
+sensitivity and a critical field. Keys that a use does not support are refused (`inputs/uses.py`).
 """
 
 import math
@@ -35,7 +35,11 @@ class Case(eqx.Module):
 
     @classmethod
     def of(cls, scene_file: SceneFile, use: Use) -> "Case":
-        """Raises SceneError for a key that `use` cannot honour, or a table that was changed to what no file may say."""
+        """Builds a case for `use`.
+
+        Raises:
+            SceneError: `scene_file` is no scene file, has a key that `use` does not support, or has an invalid value.
+        """
         if not isinstance(scene_file, SceneFile):
             raise SceneError(
                 f"scene_file: {type(scene_file).__name__}, expected a scene file that `load` or `parse` read"
@@ -45,9 +49,10 @@ class Case(eqx.Module):
         return cls(scene_file)
 
     def march(self, t_end: float | None = None, saves: int | None = None) -> AbstractMarch:
-        """The way of stepping that `[numerics]` asks for, with `saves` saved times up to `t_end` (default: the file's).
+        """Returns the time stepping that `[numerics]` asks for, with `saves` saved times up to `t_end`.
 
-        A fixed step is shortened until a whole number of them fits between saved times.
+        Both are those of the file by default. A fixed step is shortened so that a whole number of steps fits between
+        saved times.
         """
         file, numerics = self.scene_file, self.scene_file.numerics
         if numerics.method == "auto":
@@ -60,7 +65,7 @@ class Case(eqx.Module):
         return Fixed(math.ceil(spacing / numerics.time_step * (1 - 1e-12)), chosen)
 
     def solved_by(self, scene: Scene) -> tuple[AbstractSolver | None, AbstractCoupling | None]:
-        """The solver of one membrane's charge and the coupling of several that `[numerics]` asks for."""
+        """Returns the solver for the charge of one membrane and the coupling of several, as `[numerics]` asks for."""
         numerics = self.scene_file.numerics
         M, N, _ = scene.x.shape
         match numerics.solver:
@@ -71,21 +76,24 @@ class Case(eqx.Module):
         return None, coupling_for(M, N, numerics.neighbours)
 
     def equation(self, scene: Scene, integrands=None) -> Equation:
-        """The equation of a scene built from this file, with the solvers that the file asks for."""
+        """Returns the equation for a scene built from this file, with the solvers that the file asks for."""
         solver, coupling = self.solved_by(scene)
         return equation_for(scene, solver=solver, coupling=coupling, integrands=integrands)
 
     def checks(self) -> Checks:
-        """The limits of a run, and where the file wants it to end early."""
+        """Returns the limits of a run, with the stop condition of the file."""
         stop = self.scene_file.stop
         return Checks(steady=None if stop is None or stop.steady is None else as_float(stop.steady))
 
     def scene(self, values: Mapping[str, ScalarLike]) -> Scene:
-        """The scene with these numbers in place of the file's; vesicles are not relaxed yet. Pure."""
+        """Returns the scene with these numbers in place of those of the file; vesicles are not relaxed yet. Pure."""
         return scene_of(self.scene_file, values)
 
     def at_rest(self, scene: Scene, march: AbstractMarch = rest.MARCH) -> tuple[Scene, Status]:
-        """The scene with vesicles relaxed where the file wants it, and RUNNING or what kept one from resting. Pure."""
+        """Returns the scene with vesicles relaxed as the file asks for, and a status. Pure.
+
+        The status is RUNNING, or the status with which the relaxation of a vesicle failed.
+        """
         scene, codes = rest.relaxed(scene, [vesicle.relaxed for vesicle in self.scene_file.vesicles()], march)
         code = jnp.int32(status.RUNNING)
         for found in codes:
@@ -101,7 +109,10 @@ class Case(eqx.Module):
         saves: int,
         averaged: bool = False,
     ) -> Result:
-        """The run with these numbers to `t_end` (default: the file's), relaxed first where the file wants it. Pure."""
+        """Runs the scene with these numbers to `t_end` (by default that of the file). Pure.
+
+        Vesicles are relaxed first if the file asks for it.
+        """
         file = self.scene_file
         relaxing = rest.MARCH if march.recorded is not None or isinstance(march, Fixed) else rest.MARCH.forwards()
         scene, code = self.at_rest(self.scene(values), relaxing)

@@ -1,6 +1,6 @@
-"""What a run may be continued with: its own scene, or one that differs in a later `t_end` and in `saves` to match.
+"""Decides whether a result file can be continued: with the same scene, or with a later `t_end` and matching `saves`.
 
-A continued run saves the instants that a run of the new scene saves from its start, so that the two have the same bits.
+A continued run saves the same times as a run of the new scene from its start. The two therefore agree bit for bit.
 Nothing here imports JAX.
 """
 
@@ -19,28 +19,28 @@ from ..results import run_store
 from ..results.hdf5 import StoreError
 
 _TO_BE_CONTINUED = tuple(status.WORDS[code] for code in (status.RUNNING, status.INTERRUPTED, status.TOO_MANY_STEPS))
-_MAY_DIFFER = ("t_end", "saves", "numerics.certify")  # the last says what is done after the end
-_NAMED = 4  # keys in a complaint, at most
+_MAY_DIFFER = ("t_end", "saves", "numerics.certify")  # certify concerns only what happens after the end
+_NAMED = 4  # largest number of keys in a message
 
 
 def saved_times(scene_file: SceneFile) -> np.ndarray:
-    """The instants that a run saves, k t_end / saves (T,), each the float nearest to it; the last is t_end.
+    """Returns the times that a run saves, k t_end / saves, (T,). Each is the nearest float; the last is t_end.
 
-    They are computed from the decimal numbers of the file, without round-off: so equal spacings give equal floats,
-    whatever `t_end` is.
+    They are computed from the decimal numbers of the file with exact fractions. Equal spacings therefore give equal
+    floats for every `t_end`.
     """
     spacing = _spacing(scene_file)
     return np.array([float(k * spacing) for k in range(scene_file.saves + 1)])
 
 
 def is_done(path: Path, scene_file: SceneFile) -> bool:
-    """Whether a run of this scene that is in the file already has nothing left to do.
+    """Returns whether the run in the file is complete for this scene.
 
-    A run that its own stop condition has ended would end there with any later `t_end`.
+    A run that was ended by its stop condition is complete for every later `t_end`.
 
     Raises:
-        StoreError: not a result file, one of a scene that differs in more than it may, or of a run that would break
-            down again.
+        StoreError: the file is not a result file, its scene differs in other keys than allowed, or its run broke down
+            and would break down again.
     """
     record = run_store.read_result(path)
     try:
@@ -79,7 +79,7 @@ def _check_scene(path: Path, old: SceneFile, new: SceneFile) -> None:
 
 
 def differing(old: SceneFile, new: SceneFile) -> set[str]:
-    """The keys, as paths, that have other values in the two scenes; without those that may differ."""
+    """Returns the key paths that have different values in the two scenes, without those that may differ."""
     a, b = (dict(_leaves(scene.model_dump(by_alias=True, exclude_none=True))) for scene in (old, new))
     return {key for key in a.keys() | b.keys() if key not in _MAY_DIFFER and a.get(key) != b.get(key)}
 
@@ -100,5 +100,5 @@ def _spacing(scene_file: SceneFile) -> Fraction:
 
 
 def _exact(number: float) -> Fraction:
-    """The decimal number that is written for this float."""
+    """Returns the decimal number that is printed for this float, as an exact fraction."""
     return Fraction(repr(float(number)))

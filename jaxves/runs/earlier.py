@@ -1,4 +1,4 @@
-"""A run that starts where an earlier one was: nodes and membrane potential from a saved time of its result file."""
+"""Starts a run from a saved time of another result file: its nodes and its membrane potential."""
 
 from pathlib import Path
 
@@ -20,19 +20,19 @@ from .problem import AUTO_NODES
 
 
 def started_from(path: str | Path, at: float | None, scene_file: SceneFile) -> tuple[Scene, str]:
-    """The scene of `scene_file` with the curves of another result, and which result and time these are, in words.
+    """Returns the scene of `scene_file` with the curves of another result, and a text that names file and time.
 
-    The membrane potential is taken over where both have a field. The number of nodes is that of `scene_file`, and for
-    "auto" the least of its numbers that is not less than what the result used.
+    The membrane potential is used as well if both have a field. The number of nodes is that of `scene_file`. For "auto"
+    it is the smallest allowed number that is not less than that of the result.
 
     Args:
         path: the result file.
-        at: the saved time nearest to this one is taken; the last if None.
-        scene_file: all but the shapes and places of the vesicles comes from here.
+        at: the saved time nearest to this one is used; the last if None.
+        scene_file: has everything except the shapes and positions of the vesicles.
 
     Raises:
-        StoreError: not a result file, one with other vesicles or without that time, or curves that no run can start
-            from.
+        StoreError: the file is not a result file, has another number of vesicles, or does not have that time; or a run
+            cannot start from its curves.
     """
     record = run_store.read_result(path)
     row = _row(record, path, at)
@@ -68,7 +68,7 @@ def _nodes(scene_file: SceneFile, used: int) -> int:
 
 
 def _evenly(fields: np.ndarray):
-    """x and V_m (M, N, 2 or 3) on nodes equispaced in arc length, which those of another number of nodes are not."""
+    """Returns x and V_m (M, N, 2 or 3) on nodes equispaced in arc length. Interpolated nodes are not equispaced."""
     uneven = starts.is_uneven(fields[..., :2])
     return jnp.stack(
         [

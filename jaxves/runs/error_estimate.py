@@ -1,16 +1,18 @@
-"""The error of a whole run, of nodes and time steps together, from a second run with other nodes and other steps.
+"""Estimates the error of a whole run, from nodes and time steps together, with a second run.
 
-The tolerance bounds the error of a step, and spectral tails bound what one instant misses. How the flow amplifies both
-is measured with a second run. The first choice is a coarser one, with three quarters of the nodes and ten times the
-tolerance, which costs about a third of the run. It is off by more than the run itself:
+The tolerance bounds the error of one step. Spectral tails show the error in space at one instant. The second run, with
+other nodes and other steps, measures how the flow amplifies both. The first choice is a coarser run with three quarters
+of the nodes and ten times the tolerance, which costs about a third of the run. Its error is larger than that of the
+run:
 
-- with n steps to its m and a method of order p, its error in time is (n/m)^p times that of the run;
-- its error in space is larger by the ratio of the spectral tails, of x and V_m or of the tension, or more.
+- if the run makes n steps, the coarser one m, and the scheme has order p, its error in time is (n/m)^p times larger;
+- its error in space is larger at least by the ratio of the spectral tails, of x and V_m or of the tension.
 
-The distance of the two runs is therefore multiplied by the larger of 1/((n/m)^p - 1) and that ratio of tails, at most
-by one. Where stability and not the tolerance sets the steps, both runs make as many, and a thirtieth of the tolerance
-is taken instead. Where the coarser run breaks down, or tells of an error above `_POOR`, a finer one with one and a half
-times the nodes and a thirtieth of the tolerance replaces it: the distance from that is the error.
+The difference between the two runs is therefore multiplied by the larger of 1/((n/m)^p - 1) and the ratio of the tails
+of the run to those of the coarser one, and at most by one. If stability and not the tolerance limits the steps, both
+runs make equally many. In this case a run with a thirtieth of the tolerance is used instead. If the coarser run breaks
+down, or the estimate is larger than `_POOR`, a finer run is made with one and a half times the nodes and a thirtieth of
+the tolerance. The difference from this run is then the estimate.
 """
 
 import math
@@ -22,16 +24,16 @@ import numpy as np
 from ..base import status
 from .adapt_nodes import Resolution, Row, finer_rows
 
-_BETWEEN = 4  # steps of the first run between instants at which the second stops, at least
+_BETWEEN = 4  # least number of steps of the first run between the times at which the second stops
 _TAILS = ("diagnostics/spectral_tail", "diagnostics/tension_tail")
-_POOR = 1e-2  # an estimate above this is worth a finer run
+_POOR = 1e-2  # above this estimate a finer run is made
 
 
 class _Second(NamedTuple):
-    """A second run: its nodes and tolerance in units of those of the run.
+    """A second run: its nodes and tolerance relative to those of the first run.
 
-    `enough`: the two are compared where step numbers differ at least so many times. Errors of a loose tolerance hardly
-    go in proportion yet, and need more distance.
+    The two runs are compared if the ratio of their numbers of steps is at least `enough`. With a larger tolerance the
+    error is not yet proportional to a power of the step, so a larger ratio is needed.
     """
 
     nodes: float
@@ -39,11 +41,11 @@ class _Second(NamedTuple):
     enough: float
 
     def tells(self, ratio: float) -> bool:
-        """Whether one run makes enough more steps than the other."""
+        """Returns whether the numbers of steps of the two runs differ enough."""
         return max(ratio, 1 / ratio) >= self.enough
 
     def in_words(self) -> str:
-        """For the progress."""
+        """Returns a description for the progress bar."""
         return f"{self.nodes:.3g} times the nodes and {self.tolerance:.2g} times the tolerance"
 
 
@@ -52,9 +54,10 @@ _FINER = _Second(1.5, 1 / 30, 1.0)
 
 
 class _Compared(NamedTuple):
-    """How far the second run is from the first at most, and how their steps and their spectral tails compare.
+    """A comparison of two runs.
 
-    `steps` is n/m, `tails` the tails of the first run over those of the second, at worst of the two kinds.
+    `apart` is the largest difference of any node in position or potential. `steps` is n/m. `tails` are the spectral
+    tails of the first run divided by those of the second, the larger one of x and V_m and of the tension.
     """
 
     apart: float
@@ -65,10 +68,10 @@ class _Compared(NamedTuple):
 def estimated_error(
     resolution: Resolution, rows: Callable[[int], Row], times: np.ndarray, progress: Callable[[float, str], None]
 ) -> float:
-    """The largest error of any node in position (a) or potential (a E_inf) of a run.
+    """Returns the estimated largest error of any node in position (in a) or potential (in a E_inf) of a run.
 
-    `rows` gives what it saved of each of its `times`, the start first. Infinite where every second run breaks down, so
-    that nothing is known.
+    `rows(i)` returns the row of saved time i of `times`; row 0 is the start. The result is infinite if every second run
+    breaks down.
     """
     estimate = math.inf
     order = resolution.first.march.stepper.order
@@ -90,7 +93,7 @@ def _compared(
     times: np.ndarray,
     progress: Callable[[float, str], None],
 ) -> _Compared | None:
-    """The second run beside the first; None where it breaks down."""
+    """Makes the second run and compares it with the first; returns None if it breaks down."""
     progress(times[-1], f"estimating the error: compiling a run with {second.in_words()}")
     other, state = resolution.other(second.nodes, second.tolerance)
     apart, ratio, tails = 0.0, 1.0, np.zeros((2, len(_TAILS)))
@@ -112,7 +115,7 @@ def _compared(
 
 
 def _distances(row: Row, found: Row) -> list[float]:
-    """How far x and V_m of the row of one run are from those of another, each on the finer nodes of the two."""
+    """Returns the largest differences of x and V_m between rows of two runs, on the finer nodes of the two."""
     out = []
     for name in ("x", "V_m"):
         if name in row:

@@ -1,7 +1,7 @@
-"""From a scene file to something that can be marched: nodes, relaxed shapes, equation, steps, checks.
+"""Everything that time stepping needs, from a scene file: nodes, relaxed shapes, equation, time stepping, checks.
 
-The few large things here are compiled as one program each: run one by one, their hundred small operations
-would take longer to compile than a short run takes.
+The large functions here are compiled as one program each. Compiling their many small operations one by one would take
+longer than a short run.
 """
 
 import time
@@ -30,11 +30,11 @@ from .build import build
 from .case import Case
 
 AUTO_NODES = (64, 96, 128, 192, 256)
-_RESOLVED = 1e-6  # spectral tail of a starting curve, for `nodes = "auto"`
+_RESOLVED = 1e-6  # largest spectral tail of a resolved starting curve, for `nodes = "auto"`
 
 
 class NotRelaxed(Exception):
-    """A vesicle that is to be relaxed first does not come to rest; `word` says how that run ended."""
+    """A vesicle with `relaxed = true` does not come to rest. `word` is the status of its relaxation."""
 
     def __init__(self, vesicle: int, word: str):
         super().__init__(f"vesicle {vesicle} did not relax to equilibrium: {word}")
@@ -42,7 +42,7 @@ class NotRelaxed(Exception):
 
 
 class Problem(eqx.Module):
-    """What marching needs, and the state at t = 0."""
+    """Everything that time stepping needs, and the state at t = 0."""
 
     equation: Equation
     march: AbstractMarch
@@ -52,7 +52,7 @@ class Problem(eqx.Module):
 
 
 def starting_scene(scene_file: SceneFile) -> Scene:
-    """The scene as the file describes it; `nodes = "auto"` becomes the fewest that resolve all starting curves."""
+    """Returns the scene of the file. For `nodes = "auto"` it has the fewest nodes that resolve all starting curves."""
     if scene_file.numerics.nodes != "auto":
         return build(scene_file)
     finest = build(with_nodes(scene_file, AUTO_NODES[-1]))
@@ -63,13 +63,13 @@ def starting_scene(scene_file: SceneFile) -> Scene:
 
 
 def with_nodes(scene_file: SceneFile, N: int) -> SceneFile:
-    """The same scene with this number of nodes."""
+    """Returns the same scene file with this number of nodes."""
     return scene_file.model_copy(update={"numerics": scene_file.numerics.model_copy(update={"nodes": N})})
 
 
 @eqx.filter_jit
 def is_resolved(x: VesiclePoints, N: int):
-    """Whether N nodes resolve these curves, given with more; may be traced."""
+    """Returns whether N nodes resolve these curves, which are given with more nodes; may be traced."""
 
     def tail(x):
         return fourier.spectral_tail(fourier.resample(x, N, axis=0), Filter.for_nodes(N).x)
@@ -78,7 +78,7 @@ def is_resolved(x: VesiclePoints, N: int):
 
 
 def relaxed(case: Case, scene: Scene) -> Scene:
-    """The scene with those vesicles at rest that are to be; raises NotRelaxed."""
+    """Returns the scene with relaxed vesicles where the file asks for it; raises NotRelaxed."""
     which = [vesicle.relaxed for vesicle in case.scene_file.vesicles()]
     scene, codes = awaited(rest.relaxed(scene, which))
     for m, code in zip(np.flatnonzero(which), codes, strict=True):
@@ -88,7 +88,7 @@ def relaxed(case: Case, scene: Scene) -> Scene:
 
 
 def problem_of(case: Case, scene: Scene) -> Problem:
-    """What `scene`, built from the file of `case`, needs to be marched; compiled as one program."""
+    """Returns the problem for `scene`, which was built from the file of `case`; compiled as one program."""
     file = case.scene_file
     average = None if file.average is None else jnp.array(file.average)
     march = case.march()
@@ -106,22 +106,22 @@ def _started(scene: Scene, march: AbstractMarch, t_end, average, solved_by):
 
 
 def strengthened(tree):
-    """Arrays of the same values whose types no longer bend to others', as they come back from a step or a file.
+    """Returns the same arrays without weak types, as they are after a step or in a file.
 
-    JAX compiles anew for weakly typed arguments, such as a zero that stems from a Python number.
+    JAX compiles a function again for weakly typed arguments, such as a zero that was a Python number.
     """
     return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)) if eqx.is_array(leaf) else leaf, tree)
 
 
 def awaited(tree):
-    """The same arrays, computed; waits where Ctrl-C is heard, which it is not inside compiled code."""
+    """Waits until the arrays are computed, and returns them. Ctrl-C works here, but not inside compiled code."""
     while not all(leaf.is_ready() for leaf in jax.tree.leaves(tree) if eqx.is_array(leaf)):
         time.sleep(1e-3)
     return tree
 
 
 def reconstructed(record: run_store.Record, t: float) -> tuple[Equation, float, Unknowns]:
-    """The equation of a result, and its state at the saved time nearest to t."""
+    """Returns the equation of a result, the saved time nearest to t, and the state at this time."""
     scene_file = parse(tomllib.loads(record.scene))
     scene = build(scene_file)
     scene = eqx.tree_at(lambda s: s.x, scene, jnp.asarray(record.x[0]))

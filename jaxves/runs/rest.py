@@ -1,4 +1,4 @@
-"""Vesicles at equilibrium, without field or flow: what `relaxed = true` asks for, before anything else begins."""
+"""Relaxation to equilibrium without field or flow. `relaxed = true` of a vesicle asks for it before a run."""
 
 from collections.abc import Sequence
 
@@ -13,30 +13,34 @@ from ..physics.scene import Scene
 from ..stepping import marching
 from ..stepping.marching import AbstractMarch, Adaptive
 
-_REST = 1e-5  # how far a vesicle at rest moves in one t_κ, at most, in its own units; tolerance 1e-7 leaves 1e-6
+_REST = 1e-5  # largest motion of a vesicle at rest in one t_κ, in its own units; tolerance 1e-7 leaves 1e-6
 MARCH = Adaptive(1e-7)
 
 
 @eqx.filter_jit
 def at_rest(x: NodePoints, march: AbstractMarch = MARCH) -> tuple[NodePoints, Status]:
-    """A vesicle at equilibrium, in its place and direction, and COMPLETE, or the status that kept it from resting.
+    """Relaxes one vesicle to equilibrium; returns its nodes (N, 2) and a status.
 
-    Pure: may be traced, and differentiated through its run by `march`.
+    Position and direction are kept. The status is COMPLETE, or the status with which the relaxation failed. The
+    function is pure: it may be traced and differentiated.
     """
-    # The shape at rest depends on neither size nor κ_B: relax it in its own units, and as fast as any other.
+    # The equilibrium shape depends neither on the size nor on κ_B, so the vesicle is relaxed in its own units.
     outline = curve.Curve.from_nodes(x)
     center, size = curve.centroid(outline), curve.length(outline) / (2 * np.pi)
-    # Deviations fall by e^-12 in one t_κ when nearly round, by e^-1.3 at Δ = 0.25.
+    # Deviations decay by the factor e^-12 in one t_κ for nearly round shapes, and by e^-1.3 at Δ = 0.25.
     start = Scene((x[None] - center) / size, jnp.ones(1))
     result = marching.simulate(start, 20.0, saves=20, march=march)
-    # Its computed velocity is no measure of rest: few nodes leave one that projecting takes back.
+    # The computed velocity does not measure rest: with few nodes a velocity remains, which the projection undoes.
     moving = jnp.max(jnp.abs(result.x[-1] - result.x[-2])) > _REST
     code = jnp.where((result.status == status.COMPLETE) & moving, status.TOO_MANY_STEPS, result.status)
     return center + size * result.state.y.x[0], code
 
 
 def relaxed(scene: Scene, which: Sequence[bool], march: AbstractMarch = MARCH) -> tuple[Scene, list[Status]]:
-    """The scene with the vesicles of `which` at equilibrium, each by itself, and how each of them got there. Pure."""
+    """Relaxes the vesicles selected by `which`, each without the others; returns the scene and a status for each. Pure.
+
+    The status is COMPLETE, or the status with which the relaxation failed.
+    """
     x, codes = scene.x, []
     for m in np.flatnonzero(which):
         rest, code = at_rest(x[m], march)

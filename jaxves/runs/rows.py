@@ -1,4 +1,4 @@
-"""Rows of a run on their way into its result file, each with the state from which the run can be continued."""
+"""A buffer of rows that are written to the result file, with the state from which the run can be continued."""
 
 import time
 from pathlib import Path
@@ -15,17 +15,19 @@ from ..results.run_store import HISTORY, read_result
 from ..results.run_writer import Writer
 from ..stepping.marching import State
 
-SECONDS_BETWEEN_WRITES = 0.5  # what a killed run may lose
+SECONDS_BETWEEN_WRITES = 0.5  # this is the most that a killed run loses
 
 
 def named(state: State) -> dict[str, np.ndarray]:
-    """The arrays of a state, by their names in the restart."""
+    """Returns the arrays of a state, by their names in the restart state of the file."""
     leaves, _ = jax.tree_util.tree_flatten_with_path(state)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf) for path, leaf in leaves}
 
 
 def restored(template: State, leaves: dict[str, np.ndarray], path: Path) -> State:
-    """The state with these arrays, the inverse of `named`. A run that stopped at its limit of steps gets as many again.
+    """Returns the state with these arrays; the inverse of `named`.
+
+    If the run stopped at its limit on the number of steps, the steps are counted from zero again.
 
     Raises:
         StoreError: the arrays in `path` are not those of `template`, as in a file of an earlier version.
@@ -41,23 +43,23 @@ def restored(template: State, leaves: dict[str, np.ndarray], path: Path) -> Stat
     state = jax.tree.unflatten(jax.tree.structure(template), [jnp.asarray(leaves[name]) for name in names])
     if int(state.status) != status.TOO_MANY_STEPS:
         return state
-    # That limit is meant for one sitting.
+    # The limit on the number of steps holds for each call of `run`.
     return eqx.tree_at(
         lambda s: (s.status, s.steps, s.rejected), state, (jnp.int32(status.RUNNING), *jnp.int32([0, 0]))
     )
 
 
 def description(name: str) -> Description:
-    """What the dataset of this name holds."""
+    """Returns the description of the dataset of this name."""
     if name in HISTORY:
         return HISTORY[name]
     return Description(*quantities.QUANTITIES[name.removeprefix("diagnostics/")])
 
 
 class Rows:
-    """Rows on their way into the file, written now and then, with the state to continue from after the last.
+    """A buffer of rows. They are written to the file from time to time, with the state after the last row.
 
-    `start` is None for a run that nobody can continue.
+    `start` is None for a run that cannot be continued.
     """
 
     state: State
@@ -65,7 +67,7 @@ class Rows:
     def __init__(self, writer: Writer, start: dict[str, np.ndarray] | None):
         self.writer = writer
         self.start = start
-        self.deformation: list[np.ndarray] = []  # along the field, of all rows there are
+        self.deformation: list[np.ndarray] = []  # deformation along the field of all rows
         self._waiting: list[dict[str, np.ndarray]] = []
         self._written = time.perf_counter()
 

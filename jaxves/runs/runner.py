@@ -1,8 +1,8 @@
-"""A run as users start it: from a scene file to a result file, with progress and a restart.
+"""Runs a scene: from a scene file to a result file, with progress and restart.
 
-Compiled code marches from one saved time to the next; in between Python writes the file, shows progress, and
-can be interrupted. The same compiled code makes every row, the first one too, so that a run continued from its
-file has the bits of an uninterrupted one, wherever it was cut (same machine, same jaxlib).
+Compiled code advances from one saved time to the next. In between, Python writes the file, shows progress and can be
+interrupted. The same compiled code computes every row, also the first. A run that is continued from its file therefore
+agrees bit for bit with an uninterrupted one (on the same machine with the same jaxlib).
 """
 
 import time
@@ -28,7 +28,7 @@ from .error_estimate import estimated_error
 
 
 class Broken(Exception):
-    """The result file cannot be written any more; what it has is kept."""
+    """The result file can no longer be written. The rows in it are kept."""
 
 
 @eqx.filter_jit
@@ -46,24 +46,26 @@ def run(
     at: float | None = None,
     progress: Progress = lambda t, text: None,
 ) -> str:
-    """Runs a scene file, or the one of that path or built-in name, into a result file; returns the status word.
+    """Runs a scene and writes a result file; returns the status word. Ctrl-C ends the run as "interrupted".
 
-    Ctrl-C ends it as "interrupted".
-
-    With `resume` the file is continued, also to a later `t_end` with as many more `saves`; one that is done already is
-    left as it is.
-
-    With `start`, another result file, the run starts at t = 0 with the nodes of the last saved time of that file, or of
-    the one nearest to `at`; where both have a field, also with its V_m. The shapes, places, `relaxed` and `disturbance`
-    of the scene's vesicles are not used. Such a run is resumed without `start`.
+    Args:
+        scene_file: a scene file that was read, the path of one, or the name of a built-in scene.
+        path: the result file.
+        force: replace the file if it exists.
+        resume: continue the file, also to a later `t_end` with as many more `saves`. A complete file is not changed.
+        start: another result file. The run starts at t = 0 with the nodes of its last saved time. If both have a field,
+            it also starts with its V_m. Shapes, positions, `relaxed` and `disturbance` of the scene are not used. Such
+            a run is resumed without `start`.
+        at: start from the saved time nearest to this one instead of the last.
+        progress: is called with the time reached and a text to show.
 
     Raises:
-        SceneError: no such scene, or a value that no scene file may have.
-        StoreError: the file exists (without `force`), is being written by another run, cannot be written, or
-            cannot be resumed; or `start` cannot be started from.
+        SceneError: there is no such scene, or a value of it is not allowed.
+        StoreError: the file exists (without `force`), is being written by another process, cannot be written, or cannot
+            be resumed; or the run cannot start from `start`.
         ValueError: `at` without `start`, or `start` with `resume`.
-        Broken: it can no longer be written.
-        KeyboardInterrupt: Ctrl-C before there was anything to write.
+        Broken: the file can no longer be written.
+        KeyboardInterrupt: Ctrl-C before anything was written.
     """
     began, path = time.perf_counter(), real(path)
     scene_file = read_scene(scene_file) if isinstance(scene_file, str | Path) else scene_file
@@ -82,7 +84,7 @@ def run(
 
 
 def _carried_out(scene_file: SceneFile, begun: Begun, began: float, progress: Progress) -> str:
-    """Marches, judges the result and ends the file; returns the status word."""
+    """Runs to the end, evaluates the result and completes the file; returns the status word."""
     with begun.rows.writer as writer:
         try:
             if begun.failed is None:
@@ -103,7 +105,7 @@ def _carried_out(scene_file: SceneFile, begun: Begun, began: float, progress: Pr
 
 
 def _marched(scene_file: SceneFile, begun: Begun, progress: Progress) -> int:
-    """Marches to the end of the run; returns its status."""
+    """Advances to the end of the run; returns its status."""
     resolution, state, rows, _ = begun
     wanted = None if scene_file.stop is None else scene_file.stop.class_
 
@@ -127,11 +129,11 @@ def _marched(scene_file: SceneFile, begun: Begun, progress: Progress) -> int:
 
 
 def _error(scene_file: SceneFile, begun: Begun, progress: Progress) -> float | None:
-    """The estimated error of the whole run; None where it is not wanted, NaN where it was interrupted."""
+    """Returns the estimated error of the whole run, None if it is not asked for, NaN if it was interrupted."""
     if scene_file.numerics.certify is False:
         return None
     writer = begun.rows.writer
-    if writer.saved < 2:  # ended at its start: nothing to compare
+    if writer.saved < 2:  # the run ended at its start, so there is nothing to compare
         return None
     try:
         return estimated_error(begun.resolution, writer.row, saved_times(scene_file)[: writer.saved], progress)

@@ -1,10 +1,10 @@
-"""Many cases of one compiled program over the devices of this process, batch after batch.
+"""Computes many cases with one compiled program on the devices of this process, in batches.
 
-Every device gets `batch` cases a call. On CPU it takes them one after the other (`lax.map`): the matrices of one case
-fill the caches, batching them gains nothing, and a slow case keeps no other waiting but in its own batch. On a GPU it
-takes them together (`vmap`), which is the point of a GPU, as many as its memory holds.
+Each call gives every device `batch` cases. A CPU computes them one after the other (`lax.map`): the matrices of one
+case already fill the caches, so batching would not be faster, and a slow case delays only the other cases of its batch.
+A GPU computes them together (`vmap`), as many as fit into its memory.
 
-A case's result does not depend on the batch it is in.
+The result of a case does not depend on its batch.
 """
 
 import dataclasses
@@ -33,13 +33,13 @@ from ..stepping.marching import Adaptive
 from .case_summary import outcome
 
 METHODS = ("map", "vmap")
-_IN_FLIGHT = 2  # calls dispatched before the first is awaited: a device that is done early goes on
+_IN_FLIGHT = 2  # calls dispatched before the result of the first is fetched, so that no device is idle
 _BATCH = {"map": 4, "vmap": 256}
-_SHARE = 0.8  # of the free memory that is used
+_SHARE = 0.8  # fraction of the free memory that is used
 
 
 class Program(NamedTuple):
-    """What is compiled once for all cases, whatever their numbers: all that its shape depends on."""
+    """Everything that determines the compiled program, which is the same for all cases."""
 
     scene_file: SceneFile
     keep: tuple[str, ...]
@@ -50,24 +50,24 @@ class Program(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Cases in one call."""
+        """The number of cases in one call."""
         return self.batch * len(self.devices)
 
     @property
     def sharding(self) -> NamedSharding:
-        """Cases along the first axis."""
+        """The sharding of the cases, along the first axis."""
         return NamedSharding(Mesh(np.array(self.devices), "d"), PartitionSpec("d"))
 
     def each(self, function):
-        """Over the cases of one device."""
+        """Returns `function` mapped over the cases of one device."""
         return jax.vmap(function) if self.method == "vmap" else lambda xs: lax.map(function, xs)
 
     def scene(self, row):
-        """The scene of one case."""
+        """Returns the scene of one case."""
         return scene_of(self.scene_file, dict(zip(self.names, row, strict=True)))
 
     def outcome(self, max_steps: int, scene):
-        """What becomes of one case."""
+        """Runs one case and returns what the sweep keeps of it (`case_summary.outcome`)."""
         case = Case.of(self.scene_file, SWEEP)
         march = case.march()
         if isinstance(march, Adaptive):
@@ -94,7 +94,7 @@ def _compiled(program: Program, max_steps: int):
         (jax.eval_shape(_builder(program), rows), jax.ShapeDtypeStruct((program.size,), bool)),
     )
     spec = program.sharding.spec
-    # Scenes are built outside: what solves for an ellipse does not go into a map over devices.
+    # Scenes are built outside, because the root finder for ellipses cannot be used inside `shard_map`.
     spread = jax.shard_map(
         lambda *cases: program.each(one)(cases),
         mesh=program.sharding.mesh,
@@ -106,17 +106,17 @@ def _compiled(program: Program, max_steps: int):
 
 
 class Batches:
-    """The cases of one sweep through its program.
+    """Runs the cases of one sweep.
 
     Args:
-        sweep_file: the sweep, its number of nodes fixed.
-        names: which numbers vary.
-        devices: of this process, which share the cases.
-        method: "map" or "vmap"; default by platform.
-        batch: cases per device and call; default 4 for "map", for "vmap" 256 or what memory allows.
+        sweep_file: the sweep, with a fixed number of nodes.
+        names: the numbers that vary.
+        devices: the devices of this process, which share the cases.
+        method: "map" or "vmap"; chosen by platform if None.
+        batch: cases per device and call. The default is 4 for "map". For "vmap" it is 256, or fewer if memory is short.
 
     Raises:
-        SceneError: not even one case fits into memory, or not as many as asked for.
+        SceneError: one case, or the number of cases asked for, does not fit into memory.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class Batches:
         self.program, self._first = program, first
 
     def outcomes(self, max_steps: int, values: Float[np.ndarray, "cases names"]) -> Iterator[tuple[slice, dict]]:
-        """Which cases, and arrays of what became of them (`outcome`), in order, as soon as they are there."""
+        """Yields slices of the cases and the arrays for them (`case_summary.outcome`), in order, as they finish."""
         program, compiled = self.program, _compiled(self.program, max_steps)
         starts = list(range(0, len(values), program.size))
         waiting: deque = deque()
@@ -153,7 +153,7 @@ class Batches:
             rows = np.concatenate([part, np.broadcast_to(part[:1], (program.size - len(part), part.shape[1]))])
             return jax.device_put((_builder(program)(rows), live), program.sharding)
 
-        # One batch of scenes is built ahead, or the first device would build while the others wait for it.
+        # One batch of scenes is built in advance. Otherwise the first device would build them while the others wait.
         ahead = scenes(0)
         for k in range(len(starts)):
             here, ahead = ahead, scenes(k + 1)
@@ -164,7 +164,7 @@ class Batches:
             yield _fetched(*waiting.popleft(), len(values))
 
     def shapes(self) -> dict[str, jax.ShapeDtypeStruct]:
-        """What `outcomes` gives of one case."""
+        """Returns the shapes of the arrays that `outcomes` yields, for one case."""
         row = jax.ShapeDtypeStruct((len(self.program.names),), float)
         return jax.eval_shape(lambda row: self.program.outcome(self._first, self.program.scene(row)), row)
 
@@ -174,7 +174,7 @@ def _too_large(program: Program, need: int, free: int, fits: int) -> str:
     if fits:
         return f"batch = {program.batch}, expected at most {fits}: {said}."
     nodes = program.scene_file.numerics.nodes
-    # What grows is matrices, with the square of the nodes.
+    # Most of the memory is matrices, whose size grows with the square of the number of nodes.
     fewer = 2 * math.floor(0.5 * nodes * math.sqrt(free / need))
     return f"numerics.nodes = {nodes}, expected about {fewer} or fewer: {said}."
 
@@ -186,13 +186,13 @@ def _fetched(start: int, outcomes: dict, cases: int) -> tuple[slice, dict[str, n
 
 
 def _bytes(program) -> int:
-    """Of memory on each device, calls in flight included."""
+    """Returns the memory that a program needs on each device, with the calls in flight."""
     needs = program.memory_analysis()
     return needs.temp_size_in_bytes + (_IN_FLIGHT + 1) * (needs.output_size_in_bytes + needs.argument_size_in_bytes)
 
 
 def _free(devices: list[jax.Device]) -> int:
-    """Bytes that each device may use."""
+    """Returns the number of bytes that each device may use."""
     known = devices[0].memory_stats()
     if known and "bytes_limit" in known:
         return int(_SHARE * (known["bytes_limit"] - known.get("bytes_in_use", 0)))

@@ -1,7 +1,7 @@
-"""What becomes of one scene, as a pure function: its end, and what a sweep keeps of it.
+"""Runs one case of a sweep and reduces it to the values that the sweep keeps, as a pure function.
 
-The same march as that of a run, from saved time to saved time, but all of it inside compiled code, and reduced
-on the way: the last values of all diagnostics, their averages, and the extremes of some.
+The time stepping is that of a run, from one saved time to the next. Everything happens in compiled code. Rows are
+reduced as they are computed: to the last values of all diagnostics, their averages, and minima and maxima of some.
 """
 
 import equinox as eqx
@@ -18,7 +18,7 @@ from ..runs.case import Case
 from ..stepping import marching
 from ..stepping.marching import AbstractMarch, State
 
-# Whose least and greatest values over all saved times say more than the last ones.
+# Diagnostics of which the minimum and the maximum over all saved times are kept.
 EXTREMES = (
     "deformation",
     "deformation_along_field",
@@ -41,17 +41,20 @@ def _diagnostics(row: dict[str, Array]) -> dict[str, Array]:
 
 
 class _Seen(eqx.Module):
-    """What is known after some saved times; NaN before the first."""
+    """The reduced values after some of the saved times; NaN before the first."""
 
     final: dict[str, Array]
     least: dict[str, Array]
     greatest: dict[str, Array]
-    worst: dict[str, Array]  # what the certificate is made of
-    deformation: Array | None  # along the field at all saved times, (T, M)
+    worst: dict[str, Array]  # maxima from which the certificate is computed
+    deformation: Array | None  # deformation along the field at all saved times, (T, M)
 
     @classmethod
     def nothing(cls, row: dict[str, Array], saves: int, kept: dict[str, Array]) -> "_Seen":
-        """Before the first of `saves` saved times, of which `row` (all NaN) has the names; `kept` as in `with_row`."""
+        """Returns the values before the first of `saves` saved times.
+
+        `row` is a row with all names, filled with NaN. `kept` is as in `with_row`.
+        """
         names = _diagnostics(row)
         extremes = {name: names[name] for name in EXTREMES if name in names}
         worst = jax.tree.map(lambda leaf: jnp.full_like(leaf, jnp.nan), certificate.maxima(names, kept, jnp))
@@ -61,7 +64,7 @@ class _Seen(eqx.Module):
         return cls(names, extremes, extremes, worst, deformation)
 
     def with_row(self, k: Array, row: dict[str, Array], there: Array, kept: dict[str, Array]) -> "_Seen":
-        """Also the row of saved time number k, if it is there; `kept` are the areas and perimeters of the start."""
+        """Returns the values with the row of saved time number k, if `there`. `kept` has the areas and perimeters."""
         found = _diagnostics(row)
         return _Seen(
             {name: jnp.where(there, found[name], old) for name, old in self.final.items()},
@@ -72,18 +75,19 @@ class _Seen(eqx.Module):
         )
 
     def has_class(self, wanted: str) -> Array:
-        """Whether all vesicles have become of this class, which the start alone was not; as `phases.reached`."""
+        """Returns whether all vesicles are in this class now and were not at the start, as `classes.reached`."""
         code = classes.NAMES.index(wanted)
         now, before = classes.classify(self.deformation), classes.classify(self.deformation[:1])
         return jnp.all(now == code) & ~jnp.all(before == code)
 
 
 def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scene) -> dict[str, Array]:
-    """The end of `scene`, whose numbers may be traced; everything else is that of the file of `case`.
+    """Runs `scene`, whose numbers may be traced, and returns arrays by name. All settings are those of `case`.
 
-    Returns arrays by name: `status` (a code), `t_reached`, `steps`, `rejected`; `class` (M,) with a field (index into
-    `phases.NAMES`); `NAME_final` of every diagnostic, `NAME_average`, and `NAME_min`, `NAME_max` of some; with
-    `keep`, `history/NAME` (T, …) and `history/x`, `history/V_m`.
+    - `status` (a code), `t_reached`, `steps`, `rejected`;
+    - with a field, `class` (M,), an index into `classes.NAMES`;
+    - `NAME_final` of every diagnostic, `NAME_average`, and `NAME_min` and `NAME_max` of some;
+    - with `keep`, `history/NAME` (T, …), `history/x` and `history/V_m`.
     """
     scene_file, checks = case.scene_file, case.checks()
     scene, code = case.at_rest(scene)
@@ -106,7 +110,7 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
     def to_save(carry, at):
         state, seen = carry
         k, t_save = at
-        # What has ended costs nothing more, where this is not batched.
+        # A run that has ended costs nothing more, unless this is batched.
         running = state.status == status.RUNNING
         state, row = lax.cond(running, march_to, lambda state, _: (state, nothing), state, t_save)
         seen = seen.with_row(k, row, ~jnp.isnan(row["t"]), equation.kept())

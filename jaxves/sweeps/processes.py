@@ -1,6 +1,7 @@
-"""The processes that work on one sweep together, under `jax.distributed`: who takes which case, and who waits for whom.
+"""Several processes that compute one sweep under `jax.distributed`: distribution of the cases and synchronisation.
 
-They share a file system. Each writes its own file (HDF5 has one writer); the first takes them into the one file.
+The processes share a file system. An HDF5 file has only one writer, so each process writes its own file. The first
+process merges them into the file of the sweep.
 """
 
 from pathlib import Path
@@ -14,23 +15,23 @@ _KNOWN_JAX = "0.10.2"  # has it
 
 
 def is_first() -> bool:
-    """Whether this process keeps the file of the sweep; a lone one does."""
+    """Returns whether this process writes the file of the sweep; a single process does."""
     return jax.process_index() == 0
 
 
 def share(cases: np.ndarray, block: int) -> np.ndarray:
-    """The part of the cases that this process takes: every so many blocks of neighbours."""
+    """Returns the cases of this process. Blocks of neighbouring cases are dealt to the processes in turn."""
     blocks = np.arange(len(cases)) // block
     return cases[blocks % jax.process_count() == jax.process_index()]
 
 
 def own_file(path: Path) -> Path:
-    """Where this process writes."""
+    """Returns the file that this process writes."""
     return path if jax.process_count() == 1 else _of_process(path, str(jax.process_index()))
 
 
 def other_files(path: Path) -> list[Path]:
-    """What processes have left beside the file of the sweep, now or before it broke off."""
+    """Returns the files of all processes beside the file of the sweep, also those of an interrupted sweep."""
     return sorted(path.parent.glob(_of_process(path, "*").name)) if path.parent.is_dir() else []
 
 
@@ -39,14 +40,16 @@ def _of_process(path: Path, number: str) -> Path:
 
 
 def wait(name: str) -> None:
-    """Returns when all processes have come here; each place where they wait needs a name of its own.
+    """Waits until all processes have called this function. Each call needs a different `name`.
 
-    Raises RuntimeError if this release of JAX does not have the barrier, which is not part of its public interface.
-    A lone process does not need it.
+    A single process does not wait.
+
+    Raises:
+        RuntimeError: this release of JAX does not have the barrier, which is not part of its public interface.
     """
     if jax.process_count() > 1:
-        # JAX's public barrier is a collective, which on CPU gives up after half a minute; here processes may be
-        # hours apart. The service behind `jax.distributed` has one with a time limit of one's own.
+        # JAX's public barrier is a collective operation, which on CPUs fails after half a minute. Processes may arrive
+        # here hours apart. The service behind `jax.distributed` has a barrier whose time limit can be set.
         try:
             from jax._src.distributed import global_state
 

@@ -1,8 +1,8 @@
-"""Where a grid of classes should be looked at more closely: in the cells within which the class changes.
+"""Refinement of a grid of classes: cells in which the class changes are halved.
 
-The finest grid is laid out from the start; first the points `stride` apart are computed. A cell whose computed points
-are not all of one class is halved along the refined axes, and so on. What is asked for depends on the classes alone,
-not on the order in which they became known: an interrupted refinement ends with the same cases.
+The finest grid is defined at the start. First, every point at a distance of `stride` is computed. A cell whose computed
+points are not all of one class is then halved along the refined axes, and so on. The choice depends only on the classes
+and not on the order in which they were computed. An interrupted refinement therefore ends with the same cases.
 """
 
 from itertools import product
@@ -14,12 +14,12 @@ from jaxtyping import Bool, Shaped
 def wanted(
     classes: Shaped[np.ndarray, "..."], known: Bool[np.ndarray, "..."], stride: tuple[int, ...]
 ) -> Bool[np.ndarray, "..."]:
-    """The points to be computed next, as a mask of the grid; empty when the boundaries are found.
+    """Returns the points to compute next as a mask of the grid. No point is set when the refinement is complete.
 
     Args:
-        classes: the class at each point in a word, "" where there is none (a case that failed counts for nothing).
-        known: which points have been computed.
-        stride: how far apart the first points are on each axis, a power of two; 1 on an axis that is not refined.
+        classes: the name of the class at each point, "" if there is none. Failed cases have none and are ignored.
+        known: the points that have been computed.
+        stride: the distance between the first points on each axis, a power of two; 1 on an axis that is not refined.
     """
     asked = np.zeros(known.shape, bool)
     asked[tuple(slice(None, None, s) for s in stride)] = True

@@ -1,8 +1,9 @@
-"""A sweep as users start it: from a sweep file to a file of results, resumable, on all devices of all processes.
+"""Runs a sweep: from a sweep file to a result file, resumable, on all devices of all processes.
 
-Passes over the cases follow one another: the first, with few steps for each; a second for those that ran out of them,
-so that they keep no other waiting; then, where asked for, the cases between which the class changes, and so on until
-there are none. After every batch its cases are in the file.
+A sweep has several passes over its cases. In the first pass each case may take a limited number of steps. A second pass
+continues with a larger limit for the cases that need more, so that they do not delay the others. With refinement, the
+cases near a change of class follow, and so on until there are none. Each batch is written to the file as soon as it is
+computed.
 """
 
 import dataclasses
@@ -30,7 +31,7 @@ from ..results.sweep_writer import SweepWriter
 from . import processes, refinement
 from .batches import METHODS, Batches
 
-Progress = Callable[[int, int, str], None]  # cases done, cases known to be wanted, what to say
+Progress = Callable[[int, int, str], None]  # finished cases, cases planned so far, text to show
 _OWN = {
     "status": Variable("1", "how the case ended", dtype="S16"),
     "passes": Variable("1", "passes given to the case", dtype="i1"),
@@ -51,7 +52,7 @@ _KINDS = {"final": "at the end", "average": "time average", "min": "least of all
 
 class _Due(NamedTuple):
     cases: np.ndarray
-    passes: int  # that they will have been given
+    passes: int  # the number of passes after this one
     max_steps: int
 
 
@@ -66,27 +67,29 @@ def sweep(
     method: str | None = None,
     progress: Progress = lambda done, total, text: None,
 ) -> SweepRecord:
-    """Computes a sweep into a file; returns what the file says. Ctrl-C leaves a file that can be resumed.
+    """Computes a sweep into a file and returns the content of the file. After Ctrl-C the file can be resumed.
 
-    Under `jax.distributed` every process calls this with the same arguments and takes its share of the cases.
+    Under `jax.distributed` every process calls this function with the same arguments and computes its share of the
+    cases.
 
     Args:
-        source: a sweep file, its tables, or what `sweepfile.parse` made of them. Values of tables that no scene can
-            have mark their cases as refused; those of a file are refused at once.
-        path: the file of results.
-        force: replace it if it exists.
-        resume: go on with it.
-        devices: how many of this process to use; default all. A machine's cores count as one device unless
-            XLA_FLAGS has --xla_force_host_platform_device_count.
+        source: a sweep file, its tables, or what `sweep_files.parse` returned. A value that no scene may have is an
+        error
+            if it stands in a file. In tables it marks its cases as refused.
+        path: the result file.
+        force: replace the file if it exists.
+        resume: continue the file.
+        devices: number of devices of this process to use; all by default. The cores of a machine count as one device
+            unless XLA_FLAGS contains --xla_force_host_platform_device_count.
         batch: cases per device and call.
-        method: "map", one case after the other on each device, or "vmap", all of a batch together; default by
-            platform.
-        progress: called after every batch.
+        method: "map" computes one case after the other on each device, "vmap" all cases of a batch together. The
+            default depends on the platform.
+        progress: is called after every batch.
 
     Raises:
-        SceneError: bad input, or a case that does not fit into memory.
-        StoreError: a file that exists, is of another sweep, is being written by another run, or cannot be written.
-        LostFile: the file was removed or replaced meanwhile; a copy holds what it had.
+        SceneError: the input is invalid, or a case does not fit into memory.
+        StoreError: the file exists, belongs to another sweep, is being written by another process, or cannot be
+        written. LostFile: the file was removed or replaced during the sweep; a copy has its content.
     """
     path = real(path)
     strict = isinstance(source, str | Path)
@@ -136,7 +139,7 @@ _INACCURATE = status.WORDS[status.INACCURATE]
 
 
 class _Sweep:
-    """One sitting at a sweep."""
+    """One call of `sweep`."""
 
     def __init__(self, path: Path, plan: Plan, batches: Batches, force: bool, resume: bool, progress: Progress):
         self.path, self.plan, self.batches, self.progress = path, plan, batches, progress
@@ -157,7 +160,7 @@ class _Sweep:
             SweepWriter.create(processes.own_file(path), plan, variables, sizes, attributes, force=True).close()
 
     def run(self) -> SweepRecord:
-        """All passes that are still due."""
+        """Makes all passes that are still to be done."""
         word = "interrupted"
         try:
             while (due := self._due()) is not None:
@@ -165,7 +168,7 @@ class _Sweep:
                     self._pass(writer, due)
                 self._meet()
             word = "complete"
-        except LostFile:  # what has the name now is not this sweep's
+        except LostFile:  # the file that has this name now does not belong to this sweep
             word = "lost"
             raise
         finally:
@@ -213,7 +216,7 @@ class _Sweep:
             self.progress(min(self._done, total), total, what)
 
     def _meet(self) -> None:
-        """All processes have done their share of a pass, and the file of the sweep knows it."""
+        """Waits until all processes have finished a pass and their files are merged."""
         self._wait("done")
         if processes.is_first():
             self._merge()
@@ -241,7 +244,7 @@ class _Sweep:
 
 
 def _variables(shapes: dict[str, jax.ShapeDtypeStruct]) -> tuple[dict[str, Variable], dict[str, int]]:
-    """What the file holds of each case, and the lengths of its dimensions besides those of the grid."""
+    """Returns the variables of each case in the file, and the lengths of their own dimensions."""
     variables, sizes = dict(_OWN), {}
     for name, shape in shapes.items():
         if name == "status":
@@ -269,11 +272,11 @@ def _variable(name: str) -> Variable:
 
 
 def _check_room(path: Path, variables: dict[str, Variable], sizes: dict[str, int], plan: Plan) -> None:
-    """Raises SceneError when the file has no room on its disk."""
+    """Raises SceneError if the disk has no room for the file."""
     each = sum(np.dtype(v.dtype).itemsize * prod(sizes[dim] for dim in v.dims) for v in variables.values())
     free = sweep_store.free_bytes(path)
     cases = prod(plan.shape)
-    # At the end the file is copied once.
+    # The file is copied once at the end.
     if 2 * each * cases > free:
         fits = int(free // (2 * each))
         raise SceneError(
