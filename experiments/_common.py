@@ -24,10 +24,14 @@ import jaxves
 from jaxves.base import status
 from jaxves.equation.equation import Equation, Filter, equation_for
 from jaxves.geometry import shapes
+from jaxves.observables.checks import Checks
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import AbstractMarch, Checks, State, advance, initial_state, stops_of
+from jaxves.stepping.loop import initial_state, stops_of
+from jaxves.stepping.march import AbstractMarch
+from jaxves.stepping.record import advance
+from jaxves.stepping.state import State
 
 threadpool_limits(1, user_api="blas")
 

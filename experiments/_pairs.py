@@ -7,8 +7,10 @@ from experiments import _common
 from jaxves.base import status
 from jaxves.geometry import shapes
 from jaxves.observables import pair_classes
+from jaxves.observables.checks import Checks
 from jaxves.physics.scene import Scene, dc_field, make_scene
-from jaxves.stepping.marching import AbstractMarch, Adaptive, Checks
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.march import AbstractMarch
 
 FIELD = jnp.pi / 2  # direction of the field, and of the vesicles' major axes at the start
 _KEPT = (

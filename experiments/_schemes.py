@@ -11,8 +11,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxves.stepping.control import AbstractEven
-from jaxves.stepping.marching import Fixed
+from jaxves.equation.norms import ROUGH
+from jaxves.stepping.fixed import AbstractEven, Fixed
 from jaxves.stepping.schemes import AbstractStepper, AdditiveRungeKutta, Tableau
 
 _ROOT = np.sqrt(2)
@@ -74,6 +74,7 @@ class Even(AbstractEven):
     steps: Int[Array, ""] = eqx.field(converter=jnp.asarray)
     stepper: AbstractStepper
     projection: bool = eqx.field(static=True, default=True)
+    rough: float = eqx.field(static=True, default=ROUGH)
 
     def with_tolerance(self, factor):
         steps = jnp.ceil(self.steps * factor ** (-1 / (self.stepper.order + 1))).astype(int)

@@ -24,7 +24,7 @@ from jaxves.numerics import fourier
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.stepping import marching
-from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.adaptive import Adaptive
 
 
 class Setting(NamedTuple):

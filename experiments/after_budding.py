@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from jaxves.base import status
 from jaxves.geometry import shapes
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.adaptive import Adaptive
 
 from ._common import march, pop, save, store, styled
 from ._distance import distances

@@ -26,9 +26,11 @@ import scipy.linalg
 import jaxves
 from jaxves.base import status
 from jaxves.geometry import shapes
+from jaxves.observables.checks import Checks
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import Scene, dc_field, make_scene
-from jaxves.stepping.marching import Adaptive, Checks, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.marching import simulate
 from jaxves.stepping.schemes import ARK4, ARK5
 
 from ._common import interleaved, medians, pop, store, treading

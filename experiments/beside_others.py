@@ -40,7 +40,8 @@ from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry.curve import Curve, deformation
 from jaxves.numerics import fourier
-from jaxves.stepping.marching import Adaptive, Fixed
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
 from jaxves.stepping.schemes import ARK4, SemiImplicitEuler
 
 from . import _plain

@@ -19,9 +19,10 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from experiments import _common, _pairs
+from jaxves.observables.checks import Checks
 from jaxves.operators import interactions
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive, Checks
+from jaxves.stepping.adaptive import Adaptive
 
 SIZES = (128, 192, 256)
 START = 0.06  # the gap from which on the laws are fitted

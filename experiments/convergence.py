@@ -31,9 +31,10 @@ from jaxves.base import status
 from jaxves.geometry import shapes
 from jaxves.geometry.curve import Curve
 from jaxves.numerics import fourier
+from jaxves.observables.checks import Checks
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive, Checks
+from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.schemes import ARK4, ARK5, SemiImplicitEuler, for_tolerance
 
 from ._common import HERE, march, pop, save, store, styled, treading

@@ -26,7 +26,10 @@ from matplotlib.figure import Figure
 from jaxves.geometry import shapes
 from jaxves.physics.scene import dc_field, make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import AbstractMarch, Adaptive, Fixed, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
+from jaxves.stepping.march import AbstractMarch
+from jaxves.stepping.marching import simulate
 
 from ._common import save, store, styled
 

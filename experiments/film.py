@@ -23,8 +23,8 @@ from jaxves.geometry import extremes
 from jaxves.geometry.curve import Curve
 from jaxves.numerics import fourier
 from jaxves.observables import diagnostics
+from jaxves.observables.checks import Checks
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Checks
 
 GAPS = (0.4, 0.2, 0.1, 0.07, 0.05, 0.035, 0.025, 0.015)
 QUICK = dict(gaps=(1.0,), sizes=(32, 48), t_end=0.1, saves=2, start=32)

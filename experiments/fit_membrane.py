@@ -20,7 +20,7 @@ from jaxves.analysis import fit
 from jaxves.analysis.observations import Model, Observations, shown
 from jaxves.inputs.scene_files import parse
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.adaptive import Adaptive
 
 from ._common import save, store, styled
 

@@ -17,7 +17,7 @@ from jaxves.base import status
 from jaxves.geometry import shapes
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import make_scene
-from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.schemes import ARK4
 
 from ._common import march, store

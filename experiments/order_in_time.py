@@ -16,8 +16,9 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
+from jaxves.observables.checks import Checks
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Checks, Fixed
+from jaxves.stepping.fixed import Fixed
 from jaxves.stepping.schemes import ARK4, ARK5, SemiImplicitEuler
 
 from ._common import march, pop, save, store, styled, treading

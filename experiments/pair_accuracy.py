@@ -15,7 +15,7 @@ import equinox as eqx
 import numpy as np
 
 from experiments import _common, _pairs
-from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.schemes import ARK4, ARK5
 
 CASES = {  # Λ, end, (nodes, tolerance) and those of the finer run

@@ -27,7 +27,7 @@ from jaxves.geometry.curve import Curve
 from jaxves.numerics import fourier
 from jaxves.observables import classes as phases
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.adaptive import Adaptive
 
 from ._common import march, pop, save, store, styled
 

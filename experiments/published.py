@@ -37,7 +37,8 @@ from jaxves.geometry.curve import Curve
 from jaxves.numerics import fourier
 from jaxves.physics.scene import dc_field, make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.marching import simulate
 
 from . import quasi_circular, shear
 from ._common import save, store, styled

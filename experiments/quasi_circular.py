@@ -38,11 +38,14 @@ from matplotlib.figure import Figure
 
 from jaxves.geometry import shapes
 from jaxves.geometry.curve import Curve
+from jaxves.observables.checks import Checks
 from jaxves.physics.electric import inner_share
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive, Checks, Fixed, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
+from jaxves.stepping.marching import simulate
 
 from ._common import save, store, styled
 

@@ -35,7 +35,8 @@ from jaxves.results import run_store
 from jaxves.runs.build import build
 from jaxves.runs.problem import with_nodes
 from jaxves.runs.runner import run as run_file
-from jaxves.stepping.marching import Adaptive, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.marching import simulate
 
 from ._common import save, styled
 from ._common import store as keep

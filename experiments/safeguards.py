@@ -28,12 +28,13 @@ from jaxves.base import status
 from jaxves.equation.equation import Filter
 from jaxves.equation.symmetry import Symmetry
 from jaxves.geometry import shapes
+from jaxves.observables.checks import Checks
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import make_scene
 from jaxves.plots import run_plots
 from jaxves.potentials import self_refined
-from jaxves.stepping import control
-from jaxves.stepping.marching import Adaptive, Checks, Fixed
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
 from jaxves.stepping.schemes import ARK4, ARK5
 
 from ._common import march, pop, save, store, styled, treading
@@ -189,9 +190,8 @@ def at_the_edge(tolerances, N=96, t_end=20.0, saves=100):
     found = {}
     for tolerance in tolerances:
         found[tolerance] = {}
-        for name, context in (("watched", nullcontext()), ("plain", left_out(control, "WEIGHT", 0.0))):
-            with context:
-                state, rows, _ = march(scene, Adaptive(tolerance), times, checks=_ALL, together=saves)
+        for name, method in (("watched", Adaptive(tolerance)), ("plain", Adaptive(tolerance, edge_weight=0.0))):
+            state, rows, _ = march(scene, method, times, checks=_ALL, together=saves)
             late = {key.removeprefix("diagnostics/"): row[saves // 2 :, 0] for key, row in rows.items() if row.ndim > 1}
             found[tolerance][name] = {
                 "steps": int(state.steps) + int(state.rejected),

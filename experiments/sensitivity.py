@@ -27,7 +27,9 @@ from jaxves.inputs.parameters import numbers
 from jaxves.inputs.scene_files import parse
 from jaxves.plots import run_plots
 from jaxves.runs.build import scene_of
-from jaxves.stepping.marching import Adaptive, Fixed, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
+from jaxves.stepping.marching import simulate
 
 from ._common import save, store, styled
 

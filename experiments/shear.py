@@ -17,7 +17,7 @@ from jaxves.geometry import shapes
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.adaptive import Adaptive
 
 from ._common import march, save, store, styled
 

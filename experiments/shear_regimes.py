@@ -28,10 +28,15 @@ from jaxves.base import status
 from jaxves.equation.equation import Equation, equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import shapes
+from jaxves.observables.checks import Checks
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive, Checks, Fixed, advance, initial_state, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
+from jaxves.stepping.loop import initial_state
+from jaxves.stepping.marching import simulate
+from jaxves.stepping.record import advance
 
 from ._common import save, store, styled
 

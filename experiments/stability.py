@@ -26,10 +26,11 @@ from matplotlib.patches import Rectangle
 
 from jaxves.base import status
 from jaxves.geometry import shapes
+from jaxves.observables.checks import Checks
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive, Checks
+from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.schemes import ARK4, ARK5, SemiImplicitEuler
 
 from ._common import HERE, march, pop, save, store, styled, treading

@@ -29,7 +29,7 @@ from jaxves.geometry import shapes
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import dc_field, make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.schemes import ARK4
 
 from ._common import interleaved, march, medians, pop, save, store, styled

@@ -17,7 +17,7 @@ from jaxves.base import status
 from jaxves.geometry import starts
 from jaxves.geometry.curve import Curve, area
 from jaxves.inputs.scene_files import parse, read_scene
-from jaxves.stepping.control import Fixed
+from jaxves.stepping.fixed import Fixed
 
 E = jaxves.ellipse(64, 0.9, angle=np.pi / 2)
 NAN, INF = float("nan"), float("inf")

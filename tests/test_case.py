@@ -17,7 +17,8 @@ from jaxves.runs import case as case_module
 from jaxves.runs.build import scene_of
 from jaxves.runs.case import Case
 from jaxves.stepping import marching
-from jaxves.stepping.marching import Adaptive, Fixed
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
 from jaxves.sweeps.case_summary import outcome
 
 POINTS = [[float(2 * np.cos(a)), float(np.sin(a))] for a in np.linspace(0, 2 * np.pi, 40, endpoint=False)]

@@ -12,7 +12,8 @@ from jaxves.geometry.curve import Curve
 from jaxves.physics import rigid
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import dc_field, make_scene
-from jaxves.stepping.marching import Adaptive, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.marching import simulate
 
 N = 32
 

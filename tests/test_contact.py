@@ -13,12 +13,12 @@ from jaxves.equation.state import Unknowns
 from jaxves.geometry.curve import Curve
 from jaxves.numerics import fourier
 from jaxves.numerics.batching import greatest
+from jaxves.observables.checks import Checks
 from jaxves.operators.surfaces import Surfaces
 from jaxves.physics.scene import make_scene
 from jaxves.potentials import self_refined
 from jaxves.potentials.chords import Chords
 from jaxves.potentials.self_refined import SelfKernels, self_kernels
-from jaxves.stepping.marching import Checks
 
 
 def dumbbell(N, width):

@@ -16,7 +16,8 @@ from jaxves.runs import error_estimate, runner
 from jaxves.runs.build import build
 from jaxves.runs.case import Case
 from jaxves.runs.problem import with_nodes
-from jaxves.stepping.marching import Adaptive, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.marching import simulate
 from jaxves.sweeps.case_summary import outcome
 
 DRIVEN = {

@@ -11,7 +11,8 @@ from jaxves.geometry.curve import Curve
 from jaxves.inputs.scene_files import parse
 from jaxves.numerics import fourier
 from jaxves.runs.build import build
-from jaxves.stepping.marching import Adaptive, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.marching import simulate
 
 SHIFTS = (0.0, 0.13, 0.37, 0.5, 0.81)  # of the first node, in spacings
 

@@ -15,7 +15,8 @@ from jaxves.numerics import fourier
 from jaxves.operators import interactions
 from jaxves.physics import flow
 from jaxves.physics.scene import dc_field, make_scene
-from jaxves.stepping.marching import Adaptive, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.marching import simulate
 
 REACH = 1.8996  # distance of the centers at which the two shapes of `pair` touch
 

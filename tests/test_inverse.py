@@ -15,7 +15,7 @@ from jaxves.cli.run_summary import derivatives
 from jaxves.equation.state import Unknowns
 from jaxves.inputs.scene_files import parse
 from jaxves.runs.build import scene_of
-from jaxves.stepping.marching import Fixed
+from jaxves.stepping.fixed import Fixed
 
 RELAXING = {"t_end": 0.1, "vesicle": [{"reduced_area": 0.9, "angle": 70.0}], "numerics": {"nodes": 24}}
 

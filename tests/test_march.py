@@ -10,11 +10,14 @@ from conftest import circle, observed_order
 from jaxves.base import status
 from jaxves.geometry import shapes
 from jaxves.numerics import fourier
+from jaxves.observables.checks import Checks
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.physics.waveform import Pulse
 from jaxves.stepping import marching, schemes
-from jaxves.stepping.marching import Adaptive, Checks, Fixed, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
+from jaxves.stepping.marching import simulate
 
 
 def pop(N=64):
@@ -149,18 +152,14 @@ def test_projection_is_worth_its_price():
 def test_round_off_in_the_highest_modes_does_not_grow_to_what_the_tolerance_lets_pass(tolerance, bound):
     """Steady treading at steps on the edge of stability: [μ] is seen to be steady, with no more steps than without."""
 
-    class Plain(Adaptive):
-        def felt(self, equation, error, y):
-            return jnp.max(jnp.abs(error.x))
-
     s = make_scene(shapes.ellipse(64, 0.7, angle=jnp.deg2rad(20.0)), flow=Shear(10.0))
     noise, steps = {}, {}
-    for kind in (Adaptive, Plain):
-        result = run(s, 4.0, kind(tolerance), saves=40)
-        noise[kind] = float(jnp.ptp(result.diagnostics["effective_viscosity"][20:]))
-        steps[kind] = int(result.state.steps + result.state.rejected)
-    assert noise[Adaptive] < bound and noise[Plain] > 20 * noise[Adaptive], noise
-    assert steps[Adaptive] < 1.1 * steps[Plain], steps
+    for weight in (30.0, 0.0):
+        result = run(s, 4.0, Adaptive(tolerance, edge_weight=weight), saves=40)
+        noise[weight] = float(jnp.ptp(result.diagnostics["effective_viscosity"][20:]))
+        steps[weight] = int(result.state.steps + result.state.rejected)
+    assert noise[30.0] < bound and noise[0.0] > 20 * noise[30.0], noise
+    assert steps[30.0] < 1.1 * steps[0.0], steps
 
 
 def test_an_adaptive_run_stops_where_the_tolerance_is_out_of_reach():

@@ -13,8 +13,8 @@ from jaxves.equation.state import Unknowns
 from jaxves.geometry import extremes, shapes
 from jaxves.numerics import fourier
 from jaxves.observables import diagnostics
+from jaxves.observables.checks import Checks
 from jaxves.physics.scene import dc_field, make_scene
-from jaxves.stepping import marching
 
 DIRECTION = np.array([0.6, 0.8])
 
@@ -27,7 +27,7 @@ def _diagnosing(N, M):
         equation = equation_for(make_scene(list(x), field=field))
         y = Unknowns(x, V_m)
         row = {f"diagnostics/{name}": value for name, value in _found(equation, y).items()}
-        checks = marching.Checks(tail=np.inf)
+        checks = Checks(tail=np.inf)
         zero = jnp.zeros(())
         return row, checks.judge(equation, zero, y, row | {"x": x, "tension": x[..., 0]})
 

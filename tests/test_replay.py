@@ -6,13 +6,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxves.base import status
 from jaxves.equation.equation import equation_for
 from jaxves.geometry import shapes
+from jaxves.observables.checks import Checks
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import dc_field, make_scene
 from jaxves.physics.waveform import Pulse
-from jaxves.stepping import control, marching
-from jaxves.stepping.marching import Adaptive, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.loop import initial_state, stops_of
+from jaxves.stepping.marching import simulate
+from jaxves.stepping.record import advance, recorded
 
 MARCH = Adaptive(1e-3, recorded=64)
 T_END = 0.03
@@ -64,11 +68,11 @@ def test_derivatives_are_those_of_the_steps_made():
     def parts(scales):
         s = scene(scales)
         equation = equation_for(s)
-        return equation, control.initial_state(equation, MARCH), marching.stops_of(s, T_END)
+        return equation, initial_state(equation, MARCH), stops_of(s, T_END)
 
     equation, state, stops = parts(ONES)
-    times, checks = jnp.array([T_END]), marching.Checks()
-    _, _, tape, _ = eqx.filter_jit(marching._recorded)(equation, MARCH, state, times, stops, checks)
+    times, checks = jnp.array([T_END]), Checks()
+    _, _, tape, _ = eqx.filter_jit(recorded)(equation, MARCH, state, times, stops, checks)
     steps = int(tape.count)
     lengths, ends = np.diff(np.asarray(tape.t[: steps + 1])), tape.stop[:steps]
     assert np.sum(np.asarray(ends) >= 0) == 3  # both ends of the flank, and the last instant
@@ -88,7 +92,7 @@ def test_derivatives_are_those_of_the_steps_made():
 
     def once(scales):
         equation, state, stops = parts(scales)
-        y = marching.advance(equation, MARCH, state, times, stops, checks)[0].y
+        y = advance(equation, MARCH, state, times, stops, checks)[0].y
         return jnp.sum(y.x[0, :3] ** 2) + jnp.sum(y.V_m[0, :3])
 
     value, gradient = jax.jit(jax.value_and_grad(once))(ONES)
@@ -137,7 +141,7 @@ def test_too_many_steps_for_the_record_are_named_as_such():
     _, (code, t) = jax.jit(value)(ONES)
     assert code == 0  # a run that is not differentiated records nothing
     _, (code, t) = jax.jit(jax.grad(value, has_aux=True))(ONES)
-    assert marching.status.WORDS[int(code)] == "too many steps" and np.isnan(t[-1])
+    assert status.WORDS[int(code)] == "too many steps" and np.isnan(t[-1])
 
 
 @pytest.mark.slow

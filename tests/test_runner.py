@@ -13,7 +13,6 @@ from jaxves.numerics import fourier
 from jaxves.observables.certificate import certificate
 from jaxves.results import hdf5, run_store, run_writer
 from jaxves.runs import problem, rows, runner
-from jaxves.stepping import marching
 
 BASE = "t_end = {t_end}\nsaves = {saves}\n"
 VESICLE = "[[vesicle]]\nreduced_area = {}\nangle = 90.0\n"
@@ -186,7 +185,7 @@ def test_the_error_of_a_run_is_estimated_where_it_is_wanted(tmp_path):
 def test_runs_that_differ_in_numbers_share_their_programs(tmp_path, calls_of):
     """The second one traces nothing, whatever its field is."""
     runner.run(pop(numerics="certify = false\n"), tmp_path / "first.h5")
-    calls = calls_of(marching, "initial_state")
+    calls = calls_of(problem, "initial_state")
     other = pop(numerics="certify = false\n")
     field = other.field.model_copy(update={"beta": 2.5, "conductivity_ratio": 0.2})
     runner.run(other.model_copy(update={"field": field}), tmp_path / "second.h5")

@@ -20,7 +20,9 @@ from jaxves.operators.interactions import Pairwise
 from jaxves.operators.near_pairs import NearPairs
 from jaxves.operators.sums import MatrixFree, coupling_for
 from jaxves.physics.scene import dc_field, make_scene
-from jaxves.stepping.marching import Adaptive, Fixed, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
+from jaxves.stepping.marching import simulate
 
 DIRECT, ITERATIVE = Pairwise(direct=True), Pairwise(direct=False)
 SOLVED = 1e-9  # GMRES to 1e-11, times the condition of what is compared

@@ -24,7 +24,7 @@ from jaxves.inputs.sweep_files import parse
 from jaxves.results import sweep_store
 from jaxves.results.hdf5 import StoreError
 from jaxves.runs.build import scene_of
-from jaxves.stepping.marching import Adaptive
+from jaxves.stepping.adaptive import Adaptive
 from jaxves.sweeps import batches
 
 BETA, CONDUCTANCE, AREA = "field.beta", "field.membrane_conductance", "vesicle.reduced_area"

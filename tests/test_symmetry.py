@@ -18,7 +18,9 @@ from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.results import run_store
 from jaxves.runs import runner
 from jaxves.runs.build import build, scene_of
-from jaxves.stepping.marching import Adaptive, Fixed, simulate
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
+from jaxves.stepping.marching import simulate
 
 N = 32
 FIELD = dc_field(3.2, conductivity_ratio=0.1)

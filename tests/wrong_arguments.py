@@ -13,7 +13,8 @@ import jaxves
 from jaxves.analysis import critical_field, fit, gradcheck, sensitivity
 from jaxves.analysis.observations import Observations
 from jaxves.inputs.scene_files import parse
-from jaxves.stepping.control import Adaptive, Fixed
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
 
 E = jaxves.ellipse(64, 0.9, angle=np.pi / 2)
 SCENE = jaxves.make_scene(E, field=jaxves.dc_field(3.2, conductivity_ratio=0.1))

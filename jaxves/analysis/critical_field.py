@@ -35,7 +35,8 @@ from ..numerics.arrays import as_float
 from ..observables import classes
 from ..physics.scene import Scene
 from ..runs.case import Case
-from ..stepping.marching import AbstractMarch, simulate
+from ..stepping.march import AbstractMarch
+from ..stepping.marching import simulate
 
 NUMBERS = ("vesicle.reduced_area", "field.conductivity_ratio", "field.membrane_conductance", "field.chi")
 QUANTITIES = ("deformation_along_field", "bending_energy", "tension_max")

@@ -21,7 +21,7 @@ from ..base.arguments import require_count
 from ..inputs.parameters import check_numbers
 from ..inputs.scene_tables import SceneFile
 from ..numerics.arrays import as_float
-from ..stepping.marching import AbstractMarch
+from ..stepping.march import AbstractMarch
 from . import boxes
 from .boxes import Box
 from .kept_starts import fingerprint, keep, resumed

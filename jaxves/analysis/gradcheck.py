@@ -15,13 +15,13 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from ..base import status
+from ..equation.tracking import turned
 from ..inputs import parameters
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import GRADIENT_CHECK
 from ..numerics.arrays import as_float
 from ..runs.case import Case
-from ..stepping.control import turned
-from ..stepping.marching import Fixed
+from ..stepping.fixed import Fixed
 from . import differences
 from .sensitivity import AtEnd, pulled, pushed, unit
 

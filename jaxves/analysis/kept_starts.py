@@ -10,7 +10,7 @@ import numpy as np
 
 from ..inputs.scene_files import to_toml
 from ..inputs.scene_tables import SceneFile
-from ..stepping.marching import AbstractMarch
+from ..stepping.march import AbstractMarch
 from .boxes import Box
 from .observations import Observations
 from .search import Start

@@ -22,7 +22,7 @@ from ..inputs.uses import FIT
 from ..numerics import fourier
 from ..numerics.arrays import VesiclePoints, as_float
 from ..runs.case import Case
-from ..stepping.marching import AbstractMarch
+from ..stepping.march import AbstractMarch
 
 
 class Observations(NamedTuple):

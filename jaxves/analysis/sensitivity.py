@@ -25,7 +25,7 @@ from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import SENSITIVITY
 from ..numerics.arrays import ScalarLike, as_float
 from ..runs.case import Case
-from ..stepping.marching import AbstractMarch
+from ..stepping.march import AbstractMarch
 from .steady import steady_shape
 
 Outcome = Callable[[Mapping[str, ScalarLike]], dict[str, Array]]

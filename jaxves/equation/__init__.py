@@ -6,4 +6,6 @@ linear_part     what implicit steps take of F
 implicit        the linear systems of implicit steps
 symmetry        the symmetry of a scene, kept exactly
 equation        F itself
+norms           how large errors and changes are; whether a step may be gone on from
+tracking        inclinations followed without jumps of π
 """

@@ -22,8 +22,8 @@ from ..equation.equation import Equation, Filter
 from ..equation.state import Unknowns
 from ..inputs.scene_tables import SceneFile
 from ..numerics import fourier
-from ..stepping import marching
-from ..stepping.marching import State
+from ..stepping.record import advance
+from ..stepping.state import State
 from .build import build
 from .case import Case
 from .problem import AUTO_NODES, Problem, awaited, problem_of, strengthened, with_nodes
@@ -44,7 +44,7 @@ Row = dict[str, np.ndarray]
 
 @eqx.filter_jit
 def _march(problem: Problem, state: State, t_save):
-    return marching.advance(problem.equation, problem.march, state, t_save[None], problem.stops, problem.checks)
+    return advance(problem.equation, problem.march, state, t_save[None], problem.stops, problem.checks)
 
 
 @eqx.filter_jit

@@ -13,7 +13,7 @@ from ..inputs.scene_files import to_toml
 from ..inputs.scene_tables import SceneFile
 from ..physics.scene import Scene
 from ..results import run_store, run_writer
-from ..stepping.marching import State
+from ..stepping.state import State
 from .adapt_nodes import Resolution, resolution_of
 from .build import build
 from .case import Case

@@ -17,11 +17,15 @@ from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import Use, refuse_unused
 from ..numerics.arrays import ScalarLike, Status, as_float
 from ..numerics.linear import AbstractSolver, Dense
+from ..observables.checks import Checks
 from ..operators.interactions import AbstractCoupling, Pairwise
 from ..operators.sums import MatrixFree, coupling_for
 from ..physics.scene import Scene
 from ..stepping import marching, schemes
-from ..stepping.marching import AbstractMarch, Adaptive, Checks, Fixed, Result
+from ..stepping.adaptive import Adaptive
+from ..stepping.fixed import Fixed
+from ..stepping.march import AbstractMarch
+from ..stepping.marching import Result
 from . import rest
 from .build import scene_of
 

@@ -21,10 +21,12 @@ from ..inputs.scene_tables import SceneFile
 from ..numerics import fourier
 from ..numerics.arrays import VesiclePoints
 from ..observables import diagnostics
+from ..observables.checks import Checks
 from ..physics.scene import Scene
 from ..results import run_store
-from ..stepping import marching
-from ..stepping.marching import AbstractMarch, Checks, State
+from ..stepping.loop import initial_state, stops_of
+from ..stepping.march import AbstractMarch
+from ..stepping.state import State
 from . import rest
 from .build import build
 from .case import Case
@@ -102,7 +104,7 @@ def _started(scene: Scene, march: AbstractMarch, t_end, average, solved_by):
     solver, coupling = solved_by
     integrands = None if average is None else diagnostics.averaged
     equation = equation_for(scene, solver=solver, coupling=coupling, integrands=integrands)
-    return equation, marching.stops_of(scene, t_end, average), marching.initial_state(equation, march, average)
+    return equation, stops_of(scene, t_end, average), initial_state(equation, march, average)
 
 
 def strengthened(tree):

@@ -11,7 +11,8 @@ from ..geometry import curve
 from ..numerics.arrays import NodePoints, Status
 from ..physics.scene import Scene
 from ..stepping import marching
-from ..stepping.marching import AbstractMarch, Adaptive
+from ..stepping.adaptive import Adaptive
+from ..stepping.march import AbstractMarch
 
 _REST = 1e-5  # largest motion of a vesicle at rest in one t_κ, in its own units; tolerance 1e-7 leaves 1e-6
 MARCH = Adaptive(1e-7)

@@ -13,7 +13,7 @@ from ..observables import quantities
 from ..results.hdf5 import Description, StoreError
 from ..results.run_store import HISTORY, read_result
 from ..results.run_writer import Writer
-from ..stepping.marching import State
+from ..stepping.state import State
 
 SECONDS_BETWEEN_WRITES = 0.5  # this is the most that a killed run loses
 

@@ -20,7 +20,7 @@ from ..observables import classes, diagnostics
 from ..observables.certificate import LEAST_DIGITS, certificate, weakest
 from ..results import hdf5, run_store
 from ..results.ownership import real, writing
-from ..stepping import marching
+from ..stepping.state import Window
 from .beginning import Begun, Progress, continued, new
 from .case import Case
 from .continuation import is_done, saved_times
@@ -32,7 +32,7 @@ class Broken(Exception):
 
 
 @eqx.filter_jit
-def _means(window: marching.Window, scene):
+def _means(window: Window, scene):
     return diagnostics.averages(window.means(), scene)
 
 

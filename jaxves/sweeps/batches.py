@@ -29,7 +29,7 @@ from ..inputs.uses import SWEEP
 from ..runs import problem
 from ..runs.build import scene_of
 from ..runs.case import Case
-from ..stepping.marching import Adaptive
+from ..stepping.adaptive import Adaptive
 from .case_summary import outcome
 
 METHODS = ("map", "vmap")

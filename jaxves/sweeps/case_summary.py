@@ -15,8 +15,10 @@ from ..numerics.arrays import as_float
 from ..observables import certificate, classes, diagnostics
 from ..physics.scene import Scene
 from ..runs.case import Case
-from ..stepping import marching
-from ..stepping.marching import AbstractMarch, State
+from ..stepping.loop import initial_state, stops_of
+from ..stepping.march import AbstractMarch
+from ..stepping.record import advance
+from ..stepping.state import State
 
 # Diagnostics of which the minimum and the maximum over all saved times are kept.
 EXTREMES = (
@@ -94,13 +96,13 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
     average = None if scene_file.average is None else as_float(scene_file.average)
     equation = case.equation(scene, integrands=None if average is None else diagnostics.averaged)
     wanted = None if scene_file.stop is None else scene_file.stop.class_
-    stops = marching.stops_of(scene, scene_file.t_end, average)
-    state = marching.initial_state(equation, march, average)
+    stops = stops_of(scene, scene_file.t_end, average)
+    state = initial_state(equation, march, average)
     state = eqx.tree_at(lambda s: s.status, state, jnp.where(code == status.RUNNING, state.status, code))
     times = scene_file.t_end * jnp.arange(scene_file.saves + 1) / scene_file.saves
 
     def march_to(state: State, t_save: Array):
-        state, rows = marching.advance(equation, march, state, t_save[None], stops, checks)
+        state, rows = advance(equation, march, state, t_save[None], stops, checks)
         return state, jax.tree.map(lambda leaf: leaf[0], rows)
 
     nothing = jax.tree.map(

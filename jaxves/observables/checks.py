@@ -1,0 +1,72 @@
+"""Limits beyond which a saved instant is no result, and what ends a run early."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..base import status
+from ..equation.equation import Equation
+from ..equation.norms import ROUGH
+from ..equation.state import Motion, Unknowns, verdict
+from ..geometry.curve import Curve
+from ..numerics.arrays import Scalar, Status
+from ..potentials import self_refined
+from . import diagnostics
+
+
+class Checks(eqx.Module):
+    """Limits beyond which a result is no result. `steady`: the speed below which a run may end.
+
+    `film`: of the estimated relative error of the drainage of a film thinner than the node spacing.
+    """
+
+    tail: float = eqx.field(static=True, default=ROUGH)
+    film: float = eqx.field(static=True, default=0.1)
+    drift: float = eqx.field(static=True, default=1e-2)
+    steady: Scalar | None = None
+
+    def judge(self, equation: Equation, t: Scalar, y: Unknowns, row: dict[str, Array]) -> Status:
+        """The status that one saved instant calls for."""
+        code = jnp.int32(status.RUNNING)
+        if self.steady is not None:
+            motion = equation.motion(t, y)
+            still = _speed_of_shape(motion, y) < self.steady
+            code = jnp.where(still & (t > 0), status.STEADY, code)
+        unresolved = jnp.max(row["diagnostics/spectral_tail"]) > self.tail
+        # A neck or fold finer than the kernels of a membrane on itself can follow.
+        spacing = 2 * np.pi * equation.speed / y.x.shape[1]
+        pinched = jnp.any(row["diagnostics/self_gap"] < self_refined.RESOLVED * spacing)
+        code = jnp.where(unresolved | pinched, status.UNRESOLVED, code)
+        area = jnp.max(jnp.abs(row["diagnostics/area"] / equation.area - 1))
+        length = jnp.max(jnp.abs(row["diagnostics/length"] / (2 * np.pi * equation.speed) - 1))
+        code = jnp.where(jnp.maximum(area, length) > self.drift, status.DRIFT, code)
+        solved = verdict(row["diagnostics/residual"])
+        code = jnp.where(solved == status.RUNNING, code, solved)
+        crossed = jnp.any(jax.vmap(lambda x: diagnostics.crosses_itself(Curve.from_nodes(x)))(y.x))
+        code = jnp.where(crossed, status.SELF_CONTACT, code)
+        if y.x.shape[0] > 1:
+            code = self._of_several(y, row, code)
+        finite = jnp.all(jnp.isfinite(row["x"])) & jnp.all(jnp.isfinite(row["tension"]))
+        return jnp.where(finite, code, status.NOT_FINITE)
+
+    def _of_several(self, y: Unknowns, row: dict[str, Array], code: Status) -> Status:
+        """The status once the films between vesicles are looked at as well, and whether vesicles overlap."""
+        curves = jax.vmap(Curve.from_nodes)(y.x)
+        thin = row["diagnostics/min_gap"] < jnp.max(jax.vmap(lambda curve: curve.weights)(curves))
+        unresolved = thin & (row["diagnostics/film_error"] > self.film)
+        code = jnp.where((code < status.UNRESOLVED) & unresolved, status.UNRESOLVED, code)
+        return jnp.where(diagnostics.collides(curves), status.COLLISION, code)
+
+
+def _speed_of_shape(motion: Motion, y: Unknowns) -> Scalar:
+    """How fast shape and potential change at fixed places on the outline; tank-treading alone gives zero."""
+    curves = motion.surfaces.curves
+    weights = curves.weights[..., None] / jnp.sum(curves.weights, axis=1)[:, None, None]
+    relative = motion.velocity - jnp.sum(weights * motion.velocity, axis=1, keepdims=True)
+    speed = jnp.max(jnp.abs(jnp.sum(relative * curves.normal, axis=-1)))
+    if y.V_m is None:
+        return speed
+    carried = jnp.sum(relative * curves.tangent, axis=-1) * motion.surfaces.d_ds(y.V_m)
+    return jnp.maximum(speed, jnp.max(jnp.abs(motion.V_rate - carried)))

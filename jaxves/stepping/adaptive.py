@@ -1,0 +1,128 @@
+r"""Steps chosen from their embedded error.
+
+Steps end at the saved instants instead of interpolating to them: the rate of change at the end of a step carries stiff
+components, on which no polynomial may be built, and a step costs little more than what is saved.
+
+Derivatives take the sequence of steps as given. Which steps were tried, and how long those were that no stop cut
+short, depends on the scene through error estimates only, and has no part in the derivative of the solution.
+"""
+
+import dataclasses
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array
+
+from ..base import status
+from ..base.arguments import Bounded, refusal, require_count
+from ..base.bounds import TOLERANCE
+from ..equation import norms
+from ..equation.equation import Equation
+from ..equation.state import Unknowns
+from ..numerics.arrays import Scalar, as_float
+from .controller import Attempt, PIController
+from .march import AbstractMarch, check_stepper, chosen
+from .schemes import ARK4, AbstractStepper
+from .state import Cache, Journey
+
+
+class Adaptive(AbstractMarch, Bounded):
+    """Steps whose embedded error stays below `tolerance` in every node and component (PI controller).
+
+    For a tight tolerance `stepper=ARK5()` is the better choice, which scene files make by themselves
+    (`schemes.for_tolerance`).
+
+    Round-off grows in the highest modes when steps are at the edge of stability of the explicit stages. So errors in
+    the highest quarter of the modes, beyond 3 % of what is there, count `edge_weight` times. That costs almost no
+    steps: the edge stays where it is, and is noticed earlier.
+
+    A derivative, in either mode, records the accepted steps, up to `recorded` of them (more end that run as "too many
+    steps"), and follows them once more. `None` records nothing and differentiates the loop of steps itself:
+    a third cheaper for the derivative along one direction, and without reverse mode.
+
+    Raises:
+        ValueError: the tolerance is known to be out of its bounds, or the scheme has no error estimate.
+    """
+
+    bounds: ClassVar = {"tolerance": TOLERANCE}
+
+    tolerance: Scalar = eqx.field(converter=as_float, default=1e-4)
+    stepper: AbstractStepper = ARK4()
+    projection: bool = eqx.field(static=True, default=True)
+    largest: float = eqx.field(static=True, default=0.1)
+    smallest: float = eqx.field(static=True, default=1e-11)
+    max_steps: int = eqx.field(static=True, default=200_000)
+    recorded: int | None = eqx.field(static=True, default=1024)
+    edge_weight: float = eqx.field(static=True, default=30.0)
+    rough: float = eqx.field(static=True, default=norms.ROUGH)
+
+    def __check_init__(self):
+        check_stepper(self)
+        if not self.stepper.has_error:
+            raise refusal("Adaptive.stepper", self.stepper, "a scheme with an error estimate: ARK4() or ARK5()")
+        require_count("Adaptive.max_steps", self.max_steps)
+        if self.recorded is not None:
+            require_count("Adaptive.recorded", self.recorded)
+
+    @property
+    def controller(self) -> PIController:
+        """What chooses the length of the next step."""
+        return PIController(self.stepper.order, self.largest, self.smallest, self.max_steps)
+
+    def with_tolerance(self, factor):
+        return eqx.tree_at(lambda march: march.tolerance, self, factor * self.tolerance)
+
+    def forwards(self):
+        return dataclasses.replace(self, recorded=None)
+
+    def first_step(self):
+        return jnp.asarray(1e-4)
+
+    def begin(self, state, equation):
+        shapes = eqx.filter_eval_shape(equation.freeze, state.t, state.y)
+        frozen = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+        return Journey(state, Cache(frozen, jnp.array(False)))
+
+    def to(self, t_save, journey, equation, stops):
+        def unfinished(journey):
+            return (journey.state.status == status.RUNNING) & (journey.state.t < t_save)
+
+        return lax.while_loop(unfinished, lambda journey: self._attempt(journey, equation, stops), journey)
+
+    def _attempt(self, journey: Journey, equation: Equation, stops: Array) -> Journey:
+        """One step, accepted or not."""
+        state, cache, tape = journey.state, journey.cache, journey.tape
+        t, y = state.t, state.y
+        frozen = lax.cond(cache.known, lambda: cache.frozen, lambda: equation.freeze(t, y))
+        attempt = Attempt.of(state, stops)
+        h = attempt.t_new - t
+        step = self.stepper.step(equation, frozen, t, y, h)
+        y_new = self.finish(equation, step.y, frozen)
+        size = norms.error_size(step.error)
+        error = self.weighted_error(equation, step.error, y_new) / self.tolerance
+        moved = norms.displacement(y_new, y)
+        corrected = norms.displacement(y_new, equation.filtered(step.y))
+        sound = jnp.isfinite(error) & jnp.isfinite(moved) & (moved < 1.0) & (corrected < 0.05)
+        full = jnp.array(False) if tape is None else tape.is_full()
+        accepted = sound & (error <= 1.0) & ~full
+
+        after = self.accepted(state, equation, frozen, attempt.t_new, y_new, size)
+        next_step = self.controller.after_accepted(h, error, state)
+        after = eqx.tree_at(lambda s: (s.h, s.last_error), after, next_step)
+        shrunk = self.controller.after_refused(h, error, sound)
+        refused = eqx.tree_at(lambda s: (s.h, s.rejected), state, (shrunk, state.rejected + 1))
+        new = chosen(accepted, after, refused)
+        code = jnp.where(new.status == status.RUNNING, self.controller.limit(new, sound, full), new.status)
+        solved = norms.solve_status(frozen)
+        code = jnp.where(solved == status.CROWDED, solved, code)
+        new = eqx.tree_at(lambda s: (s.h, s.status), new, (lax.stop_gradient(new.h), code))
+        if tape is not None:
+            tape = tape.with_step(accepted, attempt.t_new, y_new, jnp.where(attempt.at_stop, attempt.stop, -1))
+        return Journey(new, Cache(frozen, ~accepted), tape)
+
+    def weighted_error(self, equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
+        """The part of the error of a step to y that is compared with the tolerance."""
+        return jnp.maximum(norms.error_size(error), self.edge_weight * norms.excess(equation, error, y))

@@ -1,0 +1,62 @@
+"""Steps of equal length between saved instants."""
+
+import dataclasses
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import lax
+
+from ..base import status
+from ..base.arguments import require_count
+from ..equation import norms
+from .march import AbstractMarch, check_stepper, chosen
+from .schemes import ARK4, AbstractStepper
+from .state import Journey
+
+
+class AbstractEven(AbstractMarch):
+    """Equal steps between saved instants: no step depends on an error."""
+
+    @property
+    def recorded(self):
+        return None
+
+    def first_step(self):
+        return jnp.zeros(())
+
+    def begin(self, state, equation):
+        return Journey(state)
+
+
+class Fixed(AbstractEven):
+    """`steps_per_save` equal steps between saved instants; raises ValueError unless that is a whole number >= 1."""
+
+    steps_per_save: int = eqx.field(static=True)
+    stepper: AbstractStepper = ARK4()
+    projection: bool = eqx.field(static=True, default=True)
+    rough: float = eqx.field(static=True, default=norms.ROUGH)
+
+    def __check_init__(self):
+        require_count("Fixed.steps_per_save", self.steps_per_save)
+        check_stepper(self)
+
+    def with_tolerance(self, factor):
+        steps = self.steps_per_save * factor ** (-1 / (self.stepper.order + 1))
+        return dataclasses.replace(self, steps_per_save=math.ceil(steps))
+
+    def to(self, t_save, journey, equation, stops):
+        h = (t_save - journey.state.t) / self.steps_per_save
+
+        # Reverse mode stores the states alone and recomputes each step.
+        @eqx.filter_checkpoint
+        def one(state):
+            frozen = equation.freeze(state.t, state.y)
+            step = self.stepper.step(equation, frozen, state.t, state.y, h)
+            error = None if step.error is None else norms.error_size(step.error)
+            after = self.accepted(state, equation, frozen, state.t + h, self.finish(equation, step.y, frozen), error)
+            return chosen(state.status == status.RUNNING, after, state)
+
+        state, _ = lax.scan(lambda state, _: (one(state), None), journey.state, length=self.steps_per_save)
+        arrived = jnp.where(state.status == status.RUNNING, t_save, state.t)
+        return Journey(eqx.tree_at(lambda s: s.t, state, arrived))

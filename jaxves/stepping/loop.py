@@ -1,0 +1,84 @@
+"""The loop over saved instants: where a run begins, where its steps must end, and what it saves on the way."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from ..base import status
+from ..equation import tracking
+from ..equation.equation import Equation
+from ..numerics.arrays import as_float
+from ..observables.checks import Checks
+from ..observables.rows import observe
+from ..physics.scene import Scene
+from .march import AbstractMarch
+from .state import Journey, State, Window
+
+
+def initial_state(equation: Equation, march: AbstractMarch, average: Array | None = None) -> State:
+    """The state at t = 0; its status is INVALID where the scene cannot be started."""
+    y = equation.start()
+    zero = jnp.zeros(())
+    window = None
+    if average is not None:
+        integrals = jax.tree.map(lambda leaf: jnp.zeros((2, *leaf.shape)), y.integrals)
+        window = Window(as_float(average), jnp.zeros(2), integrals)
+    count = jnp.int32(0)
+    return State(
+        t=zero,
+        y=y,
+        h=march.first_step(),
+        last_error=jnp.ones(()),
+        time_error=zero if march.stepper.has_error else None,
+        angle=tracking.inclinations(y),
+        window=window,
+        steps=count,
+        rejected=count,
+        status=jnp.where(equation.scene.is_valid(), status.RUNNING, jnp.int32(status.INVALID)),
+    )
+
+
+def stops_of(scene: Scene, t_end, average=None) -> Float[Array, "S"]:
+    """Instants at which steps must end: kinks of the field's history, ends of the averaging window, the end."""
+    stops = [jnp.reshape(as_float(t_end), (1,))]
+    if scene.field is not None and scene.field.history is not None:
+        stops.append(scene.field.history.breakpoints())
+    if average is not None:
+        stops.append(as_float(average))
+    return jnp.concatenate(stops)
+
+
+def march_through(
+    journey: Journey,
+    equation: Equation,
+    march: AbstractMarch,
+    times: Float[Array, "K"],
+    stops: Float[Array, "S"],
+    checks: Checks,
+) -> tuple[Journey, dict[str, Array], Int[Array, "K"] | None]:
+    """Marches through the saved instants `times`.
+
+    Returns the journey after the last of them, the rows (K, ...), which are NaN after the end of a run, and the number
+    of steps recorded before each instant (None without a tape).
+    """
+    stops = jnp.concatenate([stops, times])
+
+    def to_save(journey, t_save):
+        ended = journey.state.status != status.RUNNING
+        journey = march.to(t_save, journey, equation, stops)
+        state = journey.state
+        # Reverse mode recomputes what is observed instead of storing all intermediate results.
+        row = eqx.filter_checkpoint(observe)(equation, state.t, state.y, state.angle, state.time_error)
+        code = checks.judge(equation, state.t, state.y, row)
+        # What ended the run stands; but vesicles no longer resolved may be found to have drifted or crossed.
+        found = jnp.where(state.status == status.UNRESOLVED, jnp.maximum(code, state.status), state.status)
+        code = jnp.where(state.status == status.RUNNING, code, found)
+        broken = ended | (state.t < t_save)
+        row = jax.tree.map(lambda leaf: jnp.where(broken, jnp.nan, leaf), row)
+        journey = eqx.tree_at(lambda j: j.state.status, journey, jnp.int32(code))
+        return journey, (row, None if journey.tape is None else journey.tape.count)
+
+    journey, (rows, counts) = lax.scan(to_save, journey, times)
+    return journey, rows, counts
