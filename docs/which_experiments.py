@@ -1,8 +1,8 @@
-"""Prints the table of which-experiments.md: laboratory vesicles, their numbers, and the limits that they pass.
+"""Prints the table of which-experiments.md: laboratory vesicles, their numbers, and the limits that they exceed.
 
     python docs/which_experiments.py
 
-Where a number changes, the table of the page is to be replaced by what this prints.
+If a number changes, replace the table of the page by this output.
 """
 
 from collections.abc import Iterator

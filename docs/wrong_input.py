@@ -1,4 +1,4 @@
-"""The table of wrong inputs that were tried, and what jaxves says to each.
+"""Writes the table of wrong inputs and the error message of jaxves for each.
 
     python docs/wrong_input.py     # writes docs/wrong-input.md, about half a minute
 
@@ -25,13 +25,13 @@ Every input below is refused before anything is computed or written. The tests t
 
 
 def said(call, folder: Path) -> str:
-    """The complaint, without the name of the temporary folder."""
+    """Returns the error message, without the name of the temporary folder."""
     _, message = wrong_arguments.complaint(call)
     return message.replace(f"{folder}/", "")
 
 
 def of_file(name: str, text: str, folder: Path, load) -> str:
-    """What is said of a file with this text."""
+    """Returns the error message for a file with this text."""
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return said(lambda: load(path), folder)
