@@ -5,6 +5,8 @@ import runpy
 import tomllib
 from pathlib import Path
 
+import pytest
+
 import jaxves
 
 ROOT = Path(__file__).parent.parent
@@ -38,13 +40,19 @@ def test_the_version_to_cite_is_the_version_there_is():
     assert f"## {jaxves.__version__}" in (ROOT / "CHANGELOG.md").read_text()
 
 
-def test_every_file_that_the_page_on_the_architecture_names_exists():
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize(("page", "least"), [("architecture.md", 31), ("adding-a-number.md", 12)])
+def test_every_file_that_a_page_names_exists(page, least):
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     named = set(re.findall(r"`([\w./]+\.(?:py|toml))`", text))
-    assert (
-        len(named) > 30
-        and [file for file in named if not any((at / file).is_file() for at in (ROOT, ROOT / "jaxves"))] == []
-    )
+    assert len(named) >= least
+    assert [file for file in named if not any((at / file).is_file() for at in (ROOT, ROOT / "jaxves"))] == []
+
+
+def test_the_page_on_adding_a_number_names_functions_and_classes_that_exist():
+    text = (ROOT / "docs" / "adding-a-number.md").read_text(encoding="utf-8")
+    source = "".join(file.read_text(encoding="utf-8") for file in (ROOT / "jaxves").rglob("*.py"))
+    for name in ("key", "optional_key", "dc_field", "make_scene", "Field", "FieldTable", "VesicleTable", "Number"):
+        assert f"`{name}`" in text and re.search(rf"^(?:def|class) {name}\b", source, re.MULTILINE)
 
 
 def test_the_page_on_the_architecture_has_the_layers_that_are_checked():

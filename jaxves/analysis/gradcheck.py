@@ -15,6 +15,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from ..base import status
+from ..base.physical_numbers import declared
 from ..equation.tracking import turned
 from ..inputs import parameters
 from ..inputs.scene_tables import SceneFile
@@ -28,9 +29,8 @@ from .sensitivity import AtEnd, pulled, pushed, unit
 MODES_AGREE, DIFFERENCES_AGREE, WORTHLESS = 1e-8, 1e-6, 1e-4
 _SMOOTH = ("deformation", "inclination", "center", "bending_energy", "tank_treading_speed", "stress")
 _IN_FIELD, _OF_PAIRS = ("dipole", "dissipation"), ("min_gap",)
-_LOWEST = {"beta": 0.0, "conductivity_ratio": 0.0, "membrane_conductance": 0.0}
 _STEP = 1e-2  # relative step of the finite differences
-_SIZE = {"angle": 10.0, "offset_angle": 10.0, "phase": 10.0}  # scale of numbers that may be small; 0.3 for others
+_SIZE = 0.3  # scale of small entries of vectors; `physical_numbers` has the scale of each number
 
 
 class Row(NamedTuple):
@@ -112,9 +112,9 @@ def check_gradients(
             found = found | {"inclination": turned(outputs["inclination"], found["inclination"])}
             return np.asarray(ravel_pytree(found)[0])
 
-        key = name.rpartition(".")[2]
-        size = max(abs(value), _SIZE.get(key, 0.3))
-        if value == _LOWEST.get(key):
+        number = declared(name)
+        size = max(abs(value), _SIZE if number is None else number.size)
+        if number is not None and value == number.lowest:
             found = differences.one_sided(run, value, _STEP * size)
         else:
             found = differences.central(run, value, _STEP * size)

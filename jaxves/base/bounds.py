@@ -1,6 +1,6 @@
-"""The bounds of physical numbers. Scene files and Python functions use the same ones, also for traced numbers.
+"""Bounds of numbers. Scene files and Python functions use the same ones, also for traced numbers.
 
-Nothing here imports JAX.
+Which physical number has which bounds is declared in `physical_numbers`. Nothing here imports JAX.
 """
 
 import dataclasses
@@ -9,9 +9,10 @@ from typing import Any
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """The allowed values of a number: above `gt`, at least `ge`, at most `le`, and finite unless `finite` is False.
+    """The allowed values of a number: above `gt`, at least `ge` and at most `le`.
 
-    `expected` says the same in words, for error messages.
+    It is finite unless `finite` is false, and not zero if `nonzero` is true. `expected` says the same in words, for
+    error messages.
     """
 
     expected: str
@@ -19,6 +20,7 @@ class Bounds:
     ge: float | None = None
     le: float | None = None
     finite: bool = True
+    nonzero: bool = False
 
     def hold(self, value: Any) -> Any:
         """Returns for each entry whether it is within the bounds; takes numbers, NumPy arrays and traced arrays."""
@@ -31,10 +33,13 @@ class Bounds:
             within = within & (value >= self.ge)
         if self.le is not None:
             within = within & (value <= self.le)
+        if self.nonzero:
+            within = within & (value != 0)
         return within
 
 
 FINITE = Bounds("a finite number")
+NONZERO = Bounds("a finite number other than zero", nonzero=True)
 POSITIVE = Bounds("a positive finite number", gt=0.0)
 NOT_NEGATIVE = Bounds("a finite number >= 0", ge=0.0)
 RATIO = Bounds("a number >= 0, or inf", ge=0.0, finite=False)

@@ -7,16 +7,11 @@ import tomli_w
 from rich.console import RenderableType
 from rich.table import Table
 
+from ..base.physical_numbers import BETA, CAPILLARY_NUMBER, CHI, CONDUCTIVITY_RATIO, MEMBRANE_CONDUCTANCE
 from ..physics.regime import limits, regime
 from ..physics.units import LabQuantities
 
-_NUMBERS = {
-    "beta": "β, field strength: ε E² a C_m/(μ σ_e)",
-    "chi": "χ, charging time / t_κ: C_m κ_B/(σ_e μ a²)",
-    "conductivity_ratio": "Λ, conductivity inside / outside",
-    "membrane_conductance": "G, membrane conductance: a G_m/σ_e",
-    "capillary_number": "Ca, shear rate · t_κ",
-}
+_NUMBERS = (BETA, CHI, CONDUCTIVITY_RATIO, MEMBRANE_CONDUCTANCE, CAPILLARY_NUMBER)
 _SCALES = {
     "length": ("m", "a, lengths"),
     "time": ("s", "t_κ, times"),
@@ -48,8 +43,9 @@ def conversion(physical: LabQuantities, reduced_area: float) -> Iterator[Rendera
     """
     numbers, scales = _floats(physical.numbers()), _floats(physical.scales())
     table = Table("number", "", "meaning", box=None, padding=(0, 2, 0, 0))
-    for name, meaning in _NUMBERS.items():
-        table.add_row(name, f"{numbers[name]:.6g}", meaning)
+    for number in _NUMBERS:
+        formula = f": {number.in_laboratory_units}" if number.in_laboratory_units else ""
+        table.add_row(number.key, f"{numbers[number.key]:.6g}", f"{number.description()}{formula}")
     yield table
     yield ""
     table = Table("scale", "", "unit", "of", box=None, padding=(0, 2, 0, 0))
@@ -85,7 +81,7 @@ def tables(numbers: dict[str, float]) -> dict[str, dict]:
     """The tables of a scene file that these numbers make; none for a field or a flow that is absent."""
     found = {}
     if numbers["beta"] != 0:
-        found["field"] = {name: numbers[name] for name in _NUMBERS if name != "capillary_number"}
+        found["field"] = {number.key: numbers[number.key] for number in _NUMBERS if number.table == "field"}
     if numbers["capillary_number"] != 0:
         found["flow"] = {"kind": "shear", "capillary_number": numbers["capillary_number"]}
     return found

@@ -15,7 +15,8 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Float
 
 from ..base.arguments import is_known, refusal, require, require_count, require_nodes
-from ..base.bounds import FINITE, POSITIVE, REDUCED_AREA, Bounds
+from ..base.bounds import Bounds
+from ..base.physical_numbers import ANGLE, DISTURBANCE, LENGTH, REDUCED_AREA
 from ..numerics import fourier
 from ..numerics.arrays import NodePoints, Scalar, ScalarLike, as_float
 from . import curve, outlines
@@ -23,14 +24,14 @@ from . import curve, outlines
 _FINE = 512  # samples of an ellipse from which its nodes are interpolated: 12 digits down to Δ = 0.2
 
 
-def circle(N: int, *, length: ScalarLike = 1.0) -> NodePoints:
+def circle(N: int, *, length: ScalarLike = LENGTH.default) -> NodePoints:
     """Returns N nodes (N, 2) on a circle of radius `length`, counter-clockwise, the first on the x axis.
 
     Raises:
         ValueError: N is not an even number of at least 4, or a known `length` is not positive.
     """
     require_nodes("N", N)
-    require("length", length, POSITIVE)
+    require("length", length, LENGTH.bounds)
     alpha = fourier.grid(N)
     return as_float(length) * jnp.stack([jnp.cos(alpha), jnp.sin(alpha)], axis=-1)
 
@@ -81,7 +82,7 @@ def ellipse(
     reduced_area: ScalarLike,
     *,
     angle: ScalarLike = 0.0,
-    length: ScalarLike = 1.0,
+    length: ScalarLike = LENGTH.default,
 ) -> NodePoints:
     """Returns N nodes (N, 2) on an ellipse with reduced area Δ in (0, 1] and perimeter 2π·`length`.
 
@@ -91,7 +92,7 @@ def ellipse(
     Raises:
         ValueError: N is not an even number of at least 4, or a known number is out of its bounds.
     """
-    require("reduced_area", reduced_area, REDUCED_AREA)
+    require("reduced_area", reduced_area, REDUCED_AREA.bounds)
     _check_ellipse(N, angle, length)
     x = _ellipse(N, reduced_area, angle, length)
     if is_known(x) and not np.all(np.isfinite(np.asarray(x))):
@@ -101,8 +102,8 @@ def ellipse(
 
 def _check_ellipse(N: int, angle: ScalarLike, length: ScalarLike) -> None:
     require_nodes("N", N)
-    require("angle", angle, FINITE)
-    require("length", length, POSITIVE)
+    require("angle", angle, ANGLE.bounds)
+    require("length", length, LENGTH.bounds)
 
 
 @functools.partial(jax.jit, static_argnames="N")
@@ -131,7 +132,9 @@ def _flattening(excess: Scalar) -> Scalar:
     return _root(residual, optx.Newton(rtol=1e-14, atol=1e-15), excess / jnp.sqrt(1.5), max_steps=24)
 
 
-def ellipse_of_excess(N: int, excess: ScalarLike, *, angle: ScalarLike = 0.0, length: ScalarLike = 1.0) -> NodePoints:
+def ellipse_of_excess(
+    N: int, excess: ScalarLike, *, angle: ScalarLike = 0.0, length: ScalarLike = LENGTH.default
+) -> NodePoints:
     """Returns N nodes (N, 2) on an ellipse with reduced area Δ = 1 - excess².
 
     The nodes are a smooth function of the excess also at the circle, excess = 0, where ∂x/∂Δ is infinite. They agree
@@ -165,7 +168,7 @@ def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
     """
     if np.ndim(x) != 2 or np.shape(x)[1] != 2:
         raise ValueError(f"x must have shape (N, 2), but has {np.shape(x)}.")
-    require("amplitude", amplitude, FINITE)
+    require("amplitude", amplitude, DISTURBANCE.bounds)
     alpha = fourier.grid(x.shape[0])
     wave = jnp.sin(2 * alpha) + jnp.cos(3 * alpha) + jnp.sin(3 * alpha)
     outline = curve.Curve.from_nodes(x)
@@ -188,7 +191,7 @@ def through_points(points: ArrayLike, N: int, *, length: float = 1.0, modes: int
             crosses itself; or a known number is out of its bounds.
     """
     require_nodes("N", N)
-    require("length", length, POSITIVE)
+    require("length", length, LENGTH.bounds)
     if modes is not None:
         require_count("modes", modes)
     try:

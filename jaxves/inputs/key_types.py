@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field
 
 from ..base import bounds
+from ..base.physical_numbers import Number
 from .checking import Expect, number
 
 
@@ -36,13 +37,20 @@ def _trace_free(value: tuple[tuple[float, float], ...]) -> bool:
     return abs(value[0][0] + value[1][1]) <= 1e-12 * max(map(abs, value[0] + value[1]))
 
 
+def key(declared: Number) -> Any:
+    """The type of the key for a physical number: a float within its bounds, with its default."""
+    return Annotated[number(declared.bounds), Field(default=declared.default)]
+
+
+def optional_key(declared: Number) -> Any:
+    """The type of the key for a physical number that may be absent: None without the key."""
+    return Annotated[number(declared.bounds) | None, Field(default=None)]
+
+
 Finite = number(bounds.FINITE)
 Positive = number(bounds.POSITIVE)
 NotNegative = number(bounds.NOT_NEGATIVE)
-Ratio = number(bounds.RATIO)
-ReducedArea = number(bounds.REDUCED_AREA)
 Tolerance = number(bounds.TOLERANCE)
-NonzeroNumber = Annotated[Finite, _if(lambda value: value != 0), Expect("a finite number other than zero")]
 Count = Annotated[int, Field(ge=1), Expect("a whole number >= 1")]
 NodeCount = Annotated[
     Annotated[int, Field(ge=16), _if(lambda value: value % 2 == 0)] | Literal["auto"],

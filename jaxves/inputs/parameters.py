@@ -10,12 +10,13 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ..base.physical_numbers import DISTURBANCE, PER_VESICLE
 from .checking import SceneError, Table, checked, dotted
 from .scene_tables import SceneFile
 
 _TABLES = ("vesicle", "pair", "field", "flow")
-# Of a vesicle, where it need not say: else the field's, or none.
-_OWN = ("conductivity_ratio", "membrane_conductance", "chi", "permittivity_ratio", "disturbance")
+# Numbers that a vesicle may have without its table saying so: the field's are then its own, or there is none.
+_OWN = (*(number.key for number in PER_VESICLE), DISTURBANCE.key)
 _PART = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
 

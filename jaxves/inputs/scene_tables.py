@@ -10,23 +10,21 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from ..base import physical_numbers
 from ..geometry import outlines
 from .checking import Table, choice, one_of, refusal
 from .key_types import (
     Count,
     Direction,
-    Finite,
     Flag,
     Gradient,
     NodeCount,
-    NonzeroNumber,
-    NotNegative,
     Numbers,
     Positive,
-    Ratio,
     Times,
     Tolerance,
     Window,
+    key,
 )
 from .vesicle_tables import CircleVesicle, EllipseVesicle, PointsVesicle, VesicleTable
 
@@ -40,8 +38,8 @@ def _tables(value: Any) -> Any:
 class PairTable(Table):
     """Two copies of the one vesicle, whose center becomes that of the pair."""
 
-    separation: Positive = None
-    offset_angle: Finite = 0.0  # of the line of centres from x
+    separation: key(physical_numbers.SEPARATION)
+    offset_angle: key(physical_numbers.OFFSET_ANGLE)
 
     def offset(self, xp: Any = math) -> tuple[Any, Any]:
         """From the middle to the second vesicle; the first lies opposite. `xp` has the functions for its numbers."""
@@ -65,19 +63,19 @@ class PulseTime(TimeTable):
     """A pulse with linear flanks of length `rise`."""
 
     kind: Literal["pulse"] = "pulse"
-    start: Finite = None
-    duration: Positive = None
-    rise: Positive = 1e-3
+    start: key(physical_numbers.START)
+    duration: key(physical_numbers.DURATION)
+    rise: key(physical_numbers.RISE)
 
 
 class SineTime(TimeTable):
     """offset + amplitude · sin(2π frequency t + phase), the phase in degrees."""
 
     kind: Literal["sine"] = "sine"
-    frequency: Positive = None
-    amplitude: Finite = 1.0
-    offset: Finite = 0.0
-    phase: Finite = 0.0
+    frequency: key(physical_numbers.FREQUENCY)
+    amplitude: key(physical_numbers.AMPLITUDE)
+    offset: key(physical_numbers.OFFSET)
+    phase: key(physical_numbers.PHASE)
 
 
 class TabulatedTime(TimeTable):
@@ -97,11 +95,11 @@ class TabulatedTime(TimeTable):
 class FieldTable(Table):
     """The imposed electric field, and what fluids and membranes do to it."""
 
-    beta: NotNegative = None
-    conductivity_ratio: Ratio = None  # Λ
-    membrane_conductance: NotNegative = 0.0  # G
-    chi: Positive = 0.08
-    permittivity_ratio: Positive = 1.0  # ε_i/ε_e
+    beta: key(physical_numbers.BETA)
+    conductivity_ratio: key(physical_numbers.CONDUCTIVITY_RATIO)
+    membrane_conductance: key(physical_numbers.MEMBRANE_CONDUCTANCE)
+    chi: key(physical_numbers.CHI)
+    permittivity_ratio: key(physical_numbers.PERMITTIVITY_RATIO)
     direction: Direction = (0.0, 1.0)
     time: choice(ConstantTime, PulseTime, SineTime, TabulatedTime) | None = None
 
@@ -116,14 +114,14 @@ class ShearFlow(FlowTable):
     """v = Ca (y, 0)."""
 
     kind: Literal["shear"] = "shear"
-    capillary_number: NonzeroNumber = None
+    capillary_number: key(physical_numbers.CAPILLARY_NUMBER)
 
 
 class ExtensionFlow(FlowTable):
     """v = Ca (x, -y)."""
 
     kind: Literal["extension"] = "extension"
-    capillary_number: NonzeroNumber = None
+    capillary_number: key(physical_numbers.CAPILLARY_NUMBER)
 
 
 class LinearFlow(FlowTable):
@@ -230,10 +228,10 @@ class SceneFile(Table):
 
     def _has_nothing_electric(self) -> None:
         for i, vesicle in enumerate(self.vesicle):
-            for key in ("conductivity_ratio", "membrane_conductance", "chi", "permittivity_ratio"):
-                value = getattr(vesicle, key)
+            for name in (number.key for number in physical_numbers.PER_VESICLE):
+                value = getattr(vesicle, name)
                 if value is not None:
-                    raise refusal(f"a [field], without which no {key} matters", f"vesicle[{i}].{key}", value)
+                    raise refusal(f"a [field], without which no {name} matters", f"vesicle[{i}].{name}", value)
         if self.stop is not None and self.stop.class_ is not None:
             raise refusal("a [field], along which a vesicle is prolate or oblate", "stop.class", self.stop.class_)
 

@@ -1,6 +1,15 @@
-"""The commented scene file that `jaxves init` writes."""
+"""The commented scene file that `jaxves init` writes.
 
-TEMPLATE = """\
+A line `{field.beta}` below stands for the key of that physical number, with its example and its meaning.
+"""
+
+import re
+
+from ..base.physical_numbers import PER_VESICLE, declared
+
+_COMMENT = 29  # column in which comments begin
+
+_TEXT = """\
 # A scene for `jaxves run`. Lengths are in a = perimeter / 2π, times in t_κ = μa³/κ_B, angles in degrees.
 # A missing table means that the thing is absent; a `#` before a key shows its default or an example.
 
@@ -11,36 +20,40 @@ saves = 200                  # equally spaced, besides t = 0
 [[vesicle]]                  # one or more
 shape = "ellipse"            # or "circle", or "points" with file = "shape.csv", an outline, for which there are
                              # modes (Fourier modes kept of noisy points) and flip_y = true (y points down)
-reduced_area = 0.9           # Δ = 4π area / perimeter², in (0, 1]
-angle = 90.0                 # of the major axis, from x
+{vesicle.reduced_area}
+{vesicle.angle}
 center = [0.0, 0.0]
-length = 1.0                 # perimeter / 2π
-bending = 1.0                # κ_B relative to the reference
+{vesicle.length}
+{vesicle.bending}
 relaxed = false              # true: let it relax to equilibrium first, without field or flow
-# disturbance = 1e-6         # of the shape, in a: ends its symmetry, which is kept else; shows what is unstable
-# conductivity_ratio, membrane_conductance, chi, permittivity_ratio: its own, else those of [field]
+# {vesicle.disturbance}
+# {own}: its own, else those of [field]
 
 # [pair]                     # two copies of the one vesicle
-# separation = 2.6           # of the centres
-# offset_angle = 20.0        # of the line of centres, from x
+# {pair.separation}
+# {pair.offset_angle}
 
 [field]                      # electric
-beta = 3.2                   # strength
-conductivity_ratio = 0.1     # Λ, inside over outside; inf for a perfect conductor inside
-membrane_conductance = 0.0   # G
-chi = 0.08                   # charging time / t_κ
-permittivity_ratio = 1.0     # inside over outside
+{field.beta}
+{field.conductivity_ratio}
+{field.membrane_conductance}
+{field.chi}
+{field.permittivity_ratio}
 direction = [0.0, 1.0]
 
 # [field.time]               # a factor on the field: constant, pulse, sine or table
-# kind = "pulse"             # from `start`, for `duration`, with flanks of `rise`
-# start = 0.1
-# duration = 0.5
-# rise = 1e-3
+# kind = "pulse"             # linear flanks; or "sine", which has the keys behind ## instead
+# {field.time.start}
+# {field.time.duration}
+# {field.time.rise}
+## {field.time.frequency}
+## {field.time.amplitude}
+## {field.time.offset}
+## {field.time.phase}
 
 # [flow]
 # kind = "shear"             # v = Ca (y, 0); "extension": Ca (x, -y); "linear" with gradient = [[0, 1], [0, 0]]
-# capillary_number = 10.0
+# {flow.capillary_number}
 
 # [stop]                     # end early,
 # steady = 1e-6              # when nothing moves faster,
@@ -55,3 +68,16 @@ method = "auto"              # "ark4" or, for a tight tolerance, "ark5"; or one 
 # neighbours = 8             # room for near pairs where no matrices are kept, per vesicle
 # certify = true             # run once more with other nodes and steps, to estimate the error of the whole run
 """
+
+
+def _line(found: re.Match) -> str:
+    """The line for one number: key and example, then letter, meaning and note."""
+    number = declared(found[2])
+    example = number.default if number.example is None else number.example
+    start = f"{found[1]}{number.key} = {example!r}"
+    return f"{start:{_COMMENT}}# {number.description()}{f'; {number.note}' if number.note else ''}"
+
+
+TEMPLATE = re.sub(r"^(#* ?)\{(\w+\.[\w.]+)\}$", _line, _TEXT, flags=re.MULTILINE).replace(
+    "{own}", ", ".join(number.key for number in PER_VESICLE)
+)

@@ -7,10 +7,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import model_validator
 
+from ..base import physical_numbers
 from ..geometry import outlines
 from ..geometry.outline_files import SUFFIXES, read_outline
 from .checking import Table, refusal
-from .key_types import Count, Finite, Flag, NotNegative, Pair, PointList, Positive, Ratio, ReducedArea, Text
+from .key_types import Count, Flag, Pair, PointList, Text, key, optional_key
 
 
 class VesicleTable(Table):
@@ -19,15 +20,15 @@ class VesicleTable(Table):
     told_apart_by: ClassVar[str] = "shape"
 
     shape: str
-    angle: Finite = 0.0  # by which the shape is turned; that of the major axis of an ellipse
+    angle: key(physical_numbers.ANGLE)
     center: Pair = (0.0, 0.0)  # where the centroid is
-    length: Positive = 1.0  # perimeter / 2π
-    bending: Positive = 1.0  # relative to the reference κ_B
+    length: key(physical_numbers.LENGTH)
+    bending: key(physical_numbers.BENDING)
     relaxed: Flag = False  # first relax to equilibrium, without field or flow
-    conductivity_ratio: Ratio | None = None
-    membrane_conductance: NotNegative | None = None
-    chi: Positive | None = None
-    permittivity_ratio: Positive | None = None
+    conductivity_ratio: optional_key(physical_numbers.CONDUCTIVITY_RATIO)
+    membrane_conductance: optional_key(physical_numbers.MEMBRANE_CONDUCTANCE)
+    chi: optional_key(physical_numbers.CHI)
+    permittivity_ratio: optional_key(physical_numbers.PERMITTIVITY_RATIO)
 
     @abc.abstractmethod
     def polygon(self) -> outlines.Polygon:
@@ -37,7 +38,7 @@ class VesicleTable(Table):
 class DeformableVesicle(VesicleTable):
     """What can be given no symmetry; a circle has no room for it."""
 
-    disturbance: Finite | None = None  # amplitude of what breaks the symmetry of the shape (`shapes.disturbed`)
+    disturbance: optional_key(physical_numbers.DISTURBANCE)  # the amplitude in `shapes.disturbed`
 
     @model_validator(mode="after")
     def _stays(self):
@@ -50,7 +51,7 @@ class EllipseVesicle(DeformableVesicle):
     """An ellipse of given reduced area Δ = 4πA/L²."""
 
     shape: Literal["ellipse"] = "ellipse"
-    reduced_area: ReducedArea = None
+    reduced_area: key(physical_numbers.REDUCED_AREA)
 
     def polygon(self):
         return outlines.ellipse_polygon(self.reduced_area)

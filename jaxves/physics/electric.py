@@ -19,12 +19,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..base.arguments import Bounded, is_known, refusal
-from ..base.bounds import FINITE, NOT_NEGATIVE, POSITIVE, RATIO
+from ..base.bounds import FINITE
+from ..base.physical_numbers import BETA, CHI, PER_VESICLE
 from ..geometry.curve import Curve, d_ds
 from ..numerics.arrays import NodePoints, Nodes, PerVesicle, Scalar, as_float
 from .waveform import AbstractHistory
 
-_PER_VESICLE = ("conductivity_ratio", "membrane_conductance", "membrane_chi", "permittivity_ratio")
+_PER_VESICLE = tuple(number.per_vesicle for number in PER_VESICLE)
 
 
 def inner_share(conductivity_ratio: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
@@ -46,12 +47,9 @@ class Field(Bounded):
     """
 
     bounds: ClassVar = {
-        "beta": NOT_NEGATIVE,
-        "chi": POSITIVE,
-        "conductivity_ratio": RATIO,
-        "membrane_conductance": NOT_NEGATIVE,
-        "membrane_chi": POSITIVE,
-        "permittivity_ratio": POSITIVE,
+        "beta": BETA.bounds,
+        "chi": CHI.bounds,
+        **{number.per_vesicle: number.bounds for number in PER_VESICLE},
         "direction": FINITE,
     }
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..base.arguments import Bounded, is_known, refusal, require
 from ..base.bounds import FINITE
+from ..base.physical_numbers import CAPILLARY_NUMBER
 from ..numerics.arrays import Scalar, VesiclePoints, as_float
 
 
@@ -36,7 +37,7 @@ class _OfStrength(AbstractFlow):
         ValueError: a known capillary number is zero or not finite.
     """
 
-    bounds: ClassVar = {"capillary_number": FINITE}
+    bounds: ClassVar = {"capillary_number": CAPILLARY_NUMBER.bounds}
 
     capillary_number: Scalar = eqx.field(converter=as_float)
 
@@ -46,9 +47,6 @@ class _OfStrength(AbstractFlow):
         ):
             wanted = "one finite number other than zero"
             raise refusal(f"{type(self).__name__}.capillary_number", self.capillary_number, wanted)
-
-    def is_within_bounds(self):
-        return super().is_within_bounds() & (self.capillary_number != 0)
 
 
 class Shear(_OfStrength):

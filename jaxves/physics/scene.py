@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..base.arguments import Bounded, is_known, refusal, require, require_count
-from ..base.bounds import FINITE, POSITIVE
+from ..base.bounds import FINITE
+from ..base.physical_numbers import BENDING, CHI, MEMBRANE_CONDUCTANCE, PER_VESICLE, PERMITTIVITY_RATIO
 from ..geometry import shapes as curves
 from ..geometry import starts
 from ..numerics.arrays import PerVesicle, VesiclePoints, as_float, require_x64
@@ -36,7 +37,7 @@ class Scene(Bounded):
             `make_scene`).
     """
 
-    bounds: ClassVar = {"bending": POSITIVE}
+    bounds: ClassVar = {BENDING.key: BENDING.bounds}
 
     x: VesiclePoints = eqx.field(converter=as_float)
     bending: PerVesicle = eqx.field(converter=as_float)
@@ -94,7 +95,7 @@ def make_scene(
     shapes: ArrayLike | Sequence[ArrayLike],
     *,
     centers=None,
-    bending=1.0,
+    bending=BENDING.default,
     field: Field | None = None,
     flow: AbstractFlow | None = None,
 ) -> Scene:
@@ -166,9 +167,9 @@ def dc_field(
     beta,
     *,
     conductivity_ratio,
-    membrane_conductance=0.0,
-    chi=0.08,
-    permittivity_ratio=1.0,
+    membrane_conductance=MEMBRANE_CONDUCTANCE.default,
+    chi=CHI.default,
+    permittivity_ratio=PERMITTIVITY_RATIO.default,
     direction=(0.0, 1.0),
     vesicles: int = 1,
     history=None,
@@ -209,12 +210,9 @@ def dc_field(
 
     chi = as_float(chi)
     return Field(
-        beta,
-        chi if chi.ndim == 0 else chi[0],
-        each(conductivity_ratio),
-        each(membrane_conductance),
-        each(chi),
-        each(permittivity_ratio),
-        direction,
-        history,
+        beta=beta,
+        chi=chi if chi.ndim == 0 else chi[0],
+        **{number.per_vesicle: each(numbers[number.key]) for number in PER_VESICLE},
+        direction=direction,
+        history=history,
     )

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.arguments import Bounded, is_known, refusal
-from ..base.bounds import FINITE, POSITIVE
+from ..base.bounds import FINITE
+from ..base.physical_numbers import AMPLITUDE, DURATION, FREQUENCY, OFFSET, PHASE, RISE, START
 from ..numerics.arrays import Scalar, as_float
 
 
@@ -40,7 +41,7 @@ class Pulse(AbstractHistory):
     It begins to fall at `start + duration`. Times are in t_κ.
     """
 
-    bounds: ClassVar = {"start": FINITE, "duration": POSITIVE, "rise": POSITIVE}
+    bounds: ClassVar = {number.key: number.bounds for number in (START, DURATION, RISE)}
 
     start: Scalar = eqx.field(converter=as_float)
     duration: Scalar = eqx.field(converter=as_float)
@@ -58,12 +59,12 @@ class Pulse(AbstractHistory):
 class Sine(AbstractHistory):
     """offset + amplitude · sin(2π frequency t + phase); frequency in 1/t_κ, phase in radians."""
 
-    bounds: ClassVar = {"frequency": POSITIVE, "amplitude": FINITE, "offset": FINITE, "phase": FINITE}
+    bounds: ClassVar = {number.key: number.bounds for number in (FREQUENCY, AMPLITUDE, OFFSET, PHASE)}
 
     frequency: Scalar = eqx.field(converter=as_float)
-    amplitude: Scalar = eqx.field(converter=as_float, default=1.0)
-    offset: Scalar = eqx.field(converter=as_float, default=0.0)
-    phase: Scalar = eqx.field(converter=as_float, default=0.0)
+    amplitude: Scalar = eqx.field(converter=as_float, default=AMPLITUDE.default)
+    offset: Scalar = eqx.field(converter=as_float, default=OFFSET.default)
+    phase: Scalar = eqx.field(converter=as_float, default=PHASE.default)
 
     def __call__(self, t):
         return self.offset + self.amplitude * jnp.sin(2 * jnp.pi * self.frequency * t + self.phase)

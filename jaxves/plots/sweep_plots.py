@@ -14,27 +14,19 @@ from matplotlib.figure import Figure
 from scipy.interpolate import NearestNDInterpolator
 
 from ..base import status
+from ..base.physical_numbers import declared
 from ..results.sweep_store import DUE, SKIPPED, SweepRecord
 from .style import COLUMN, INK, PAGE, STYLE, quantity_label, scale
 
 _COLORS = {"P": "#8fbfe0", "O": "#f0b27a", "POP": "#8ccfb5", "open": "0.85"}
 _MORE = ("#d9a5c7", "#e8d98a", "#b0b7e0", "#c9c9c9")
-_NAMES = {
-    "field.beta": r"$\beta$",
-    "field.conductivity_ratio": r"$\Lambda$",
-    "field.membrane_conductance": "$G$",
-    "field.chi": r"$\chi$",
-    "vesicle.reduced_area": r"$\Delta$",
-    "flow.capillary_number": r"$\mathit{Ca}$",
-    "pair.offset_angle": r"$\theta_0$ (degrees)",
-    "pair.separation": "separation ($a$)",
-}
 _KINDS = {"final": "{}", "average": "mean {}", "min": "least {}", "max": "greatest {}"}
 
 
 def axis_label(name: str) -> str:
-    """Returns the symbol of a number of the scene as in the paper, or its key path."""
-    return _NAMES.get(name, name)
+    """Returns symbol and unit of a number; the name itself for one of several vesicles or for an entry of a vector."""
+    number = declared(name)
+    return name if number is None or "[" in name else number.label()
 
 
 def value_label(record: SweepRecord, name: str) -> str:

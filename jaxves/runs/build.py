@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.physical_numbers import PER_VESICLE
 from ..geometry import curve, outlines, shapes
 from ..inputs.parameters import with_numbers
 from ..inputs.scene_tables import (
@@ -95,10 +96,7 @@ def _field(table: FieldTable | None, vesicles: tuple[VesicleTable, ...]) -> Fiel
     return Field(
         beta=table.beta,
         chi=table.chi,
-        conductivity_ratio=each("conductivity_ratio"),
-        membrane_conductance=each("membrane_conductance"),
-        membrane_chi=each("chi"),
-        permittivity_ratio=each("permittivity_ratio"),
+        **{number.per_vesicle: each(number.key) for number in PER_VESICLE},
         direction=table.direction,
         history=_history(table.time),
     )
