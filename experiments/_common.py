@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 import jaxves
 from jaxves.base import status
-from jaxves.equation.equation import Equation, Filter, equation_for
+from jaxves.equation.equation import Equation, equation_for
 from jaxves.geometry import shapes
 from jaxves.observables.checks import Checks
 from jaxves.physics.flow import Shear
@@ -58,17 +58,17 @@ def march(
     method: AbstractMarch,
     times,
     *,
-    filter: Filter | None = None,
     checks: Checks | None = None,
     together: int = 1,
     until: Callable[[dict[str, np.ndarray]], bool] | None = None,
+    **options,
 ) -> tuple[State, dict[str, np.ndarray], Equation]:
     """From t = 0 through `times`, `together` of them a call: one compilation serves every number of them.
 
-    After each call `until` looks at the rows saved up to then and may end the run.
-    Returns the last state, the saved rows (early ends leave NaN or fewer rows) and the equation.
+    After each call `until` looks at the rows saved up to then and may end the run. `options` are those of
+    `equation_for`. Returns the last state, the saved rows (early ends leave NaN or fewer rows) and the equation.
     """
-    equation = _equation_for(setting, filter=filter)
+    equation = _equation_for(setting, **options)
     state = _initial_state(equation, method)
     times = jnp.asarray(times, dtype=float)
     rows = []

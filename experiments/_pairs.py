@@ -8,6 +8,7 @@ from jaxves.base import status
 from jaxves.geometry import shapes
 from jaxves.observables import pair_classes
 from jaxves.observables.checks import Checks
+from jaxves.operators.interactions import AbstractCoupling
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.march import AbstractMarch
@@ -93,6 +94,7 @@ def history(
     turned: float = np.inf,
     checks: Checks | None = None,
     together: int = 10,
+    coupling: AbstractCoupling | None = None,
 ) -> dict:
     """Marches a pair; what happened, by name, saved times first.
 
@@ -111,7 +113,9 @@ def history(
         return (gap[-1] < thinnest and at_rest) or abs(angle[-1] - angle[0]) > turned
 
     march = Adaptive(1e-4) if march is None else march
-    state, rows, _ = _common.march(setting, march, times, checks=checks, together=together, until=settled)
+    state, rows, _ = _common.march(
+        setting, march, times, checks=checks, together=together, until=settled, coupling=coupling
+    )
     known = ~np.isnan(rows["t"])
     rows = {name: value[known] for name, value in rows.items()}
     angle, separation = _line(rows)

@@ -70,8 +70,8 @@ def _disturbances(equation: Equation, y: Unknowns):
         y = equation.filtered(unflatten(u))
         motion = equation.motion(jnp.zeros(()), y)
         velocity = drift_free(motion.velocity) - treading * fourier.derivative(y.x, axis=1)
-        V_rate = motion.V_rate - treading * fourier.derivative(y.V_m, axis=1)
-        return ravel_pytree(equation.filtered(Unknowns(velocity, V_rate)))[0]
+        V_rate = motion.rates["V_m"] - treading * fourier.derivative(y.V_m, axis=1)
+        return ravel_pytree(equation.filtered(Unknowns.of(velocity, V_rate)))[0]
 
     return jax.jacfwd(G)(flat)
 
@@ -86,7 +86,7 @@ def _found(setting: Setting, y: Unknowns):
 @eqx.filter_jit
 def _run(setting: Setting, N: int, t_end):
     result = marching.simulate(setting.scene(N), t_end, saves=1, march=Adaptive(1e-4, recorded=None))
-    return Unknowns(result.x[-1], result.V_m[-1])
+    return Unknowns.of(result.x[-1], result.V_m[-1])
 
 
 def start(setting: Setting, N: int, t_end=1.0) -> Unknowns:

@@ -66,7 +66,7 @@ def same_computation(N: int) -> float:
     Compared at t = 0.05 of a run with 64 nodes, interpolated to N: the membrane is charged, the shape is no ellipse.
     """
     state, _, _ = march(pop(64), Adaptive(1e-6), [0.05])
-    y = Unknowns(fourier.resample(state.y.x, N, axis=1), fourier.resample(state.y.V_m, N, axis=1))
+    y = Unknowns.of(fourier.resample(state.y.x, N, axis=1), fourier.resample(state.y.V_m, N, axis=1))
     ours = np.asarray(jax.jit(lambda equation, y: equation.rate(jnp.zeros(()), y).x[0])(equation_for(pop(N)), y))
     x, V_m = (np.asarray(leaf[0]) for leaf in (y.x, y.V_m))
     plain = _plain.step(_plain.Grid(N), NUMBERS, x, V_m, 1e-11)[2]

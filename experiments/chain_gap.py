@@ -12,6 +12,7 @@ halves. The same chain by the trapezoidal rule alone, its film not watched, show
 What to expect: neither law is exact; the local rate -d'/d says which is closer.
 """
 
+import dataclasses
 import sys
 
 import numpy as np
@@ -20,7 +21,7 @@ from scipy.optimize import least_squares
 
 from experiments import _common, _pairs
 from jaxves.observables.checks import Checks
-from jaxves.operators import interactions
+from jaxves.operators.sums import coupling_for
 from jaxves.plots import run_plots
 from jaxves.stepping.adaptive import Adaptive
 
@@ -42,12 +43,8 @@ def run(sizes=SIZES, t_end=10.0, saves=200, plain=(64,), tolerance=1e-6):
 
 def without_close_evaluation(N: int, t_end: float, saves: int) -> dict:
     """The history by the trapezoidal rule at any distance, with nobody watching whether the film is resolved."""
-    near, interactions.NEAR = interactions.NEAR, -0.5  # no pair is nearer than this
-    try:
-        # Another count of saves a call: what was compiled for the other rule must not be taken.
-        return _pairs.history(_pairs.scene(0.1, N=N), t_end, saves, checks=Checks(film=np.inf), together=8)
-    finally:
-        interactions.NEAR = near
+    coupling = dataclasses.replace(coupling_for(2, N), near=-0.5)  # no pair is nearer than this
+    return _pairs.history(_pairs.scene(0.1, N=N), t_end, saves, checks=Checks(film=np.inf), coupling=coupling)
 
 
 def exponential(t, gap):

@@ -35,7 +35,7 @@ def gap_rate(setting, x, V_m):
     """d/dt of the gap, and the diagnostics, of nodes `x` with `V_m`, both interpolated to the nodes of `setting`."""
     N = setting.x.shape[1]
     equation = equation_for(setting)
-    y = Unknowns(fourier.resample(x, N, axis=1), fourier.resample(V_m, N, axis=1))
+    y = Unknowns.of(fourier.resample(x, N, axis=1), fourier.resample(V_m, N, axis=1))
     motion = equation.motion(jnp.zeros(()), y)
     _, rate = jax.jvp(lambda x: extremes.gap(*(Curve.from_nodes(x) for x in x)), (y.x,), (motion.velocity,))
     return rate, diagnostics.diagnose(equation, jnp.zeros(()), y, motion)

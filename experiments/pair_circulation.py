@@ -34,7 +34,7 @@ def run(instants=INSTANTS, N=64, t_end=8.0, saves=160, resolution=100):
 
     @jax.jit
     def velocity(t, x, V_m):
-        return fields_at(equation_for(setting), t, Unknowns(x, V_m), points).velocity
+        return fields_at(equation_for(setting), t, Unknowns.of(x, V_m), points).velocity
 
     found = {}
     for instant in instants:

@@ -196,7 +196,7 @@ def main():
     save(draw_necks(found["necks"]), "budding_necks")
 
     row = int(np.argmin(np.abs(rows["t"] - neck["time"])))
-    y = Unknowns(jnp.asarray(rows["x"][row]), jnp.asarray(rows["V_m"][row]))
+    y = Unknowns.of(jnp.asarray(rows["x"][row]), jnp.asarray(rows["V_m"][row]))
     equation = equation_for(setting)
     save(run_plots.streamlines(equation, rows["t"][row], y), "budding_streamlines")
     save(run_plots.field_lines(equation, rows["t"][row], y), "budding_field_lines")

@@ -103,7 +103,7 @@ def elastica(reduced_area=None, points=200) -> dict[str, float]:
 def _at_rest(reduced_area, N, tolerance, t_end):
     setting = make_scene(shapes.ellipse(N, reduced_area))
     result = simulate(setting, t_end, saves=1, march=Adaptive(tolerance))
-    motion = equation_for(setting).motion(jnp.zeros(()), Unknowns(result.x[-1]))
+    motion = equation_for(setting).motion(jnp.zeros(()), Unknowns.of(result.x[-1]))
     curve = Curve.from_nodes(result.x[-1, 0])
     normal = jnp.sum(motion.f_hd[0] * curve.normal, axis=-1)
     return {

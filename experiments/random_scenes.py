@@ -2,6 +2,7 @@
 
     python -m experiments.random_scenes            # a hundred scenes, about an hour on two busy cores
     python -m experiments.random_scenes --seed 7   # another hundred
+    python -m experiments.random_scenes --resume   # goes on where the last one was stopped, with its seed
 
 Scenes are drawn at random as users write them: one vesicle or a pair, reduced area, field strength, conductivities,
 conductance, charging time and flow over all that the model allows, half with 64 nodes and half with `nodes = "auto"`.
@@ -15,6 +16,7 @@ What to expect: No run that calls itself complete is off by more than ten times 
 
 import argparse
 import collections
+import json
 import os
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
@@ -27,7 +29,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxves.base import status
-from jaxves.inputs.scene_files import parse
+from jaxves.inputs.scene_files import parse, to_toml
 from jaxves.inputs.scene_tables import SceneFile
 from jaxves.numerics import fourier
 from jaxves.plots import run_plots
@@ -38,8 +40,7 @@ from jaxves.runs.runner import run as run_file
 from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.marching import simulate
 
-from ._common import save, styled
-from ._common import store as keep
+from ._common import HERE, save, store, styled
 
 SAVES = 10
 _TOGETHER = 5
@@ -111,15 +112,18 @@ def tried(scene_file: SceneFile) -> dict:
     }  # fmt: skip
 
 
-def run(count=100, seed=1, nodes=(64, "auto"), longest=0.5):
-    """A list of what each scene stated and what was true."""
+def run(count=100, seed=1, nodes=(64, "auto"), longest=0.5, known=(), keep=lambda found: None):
+    """A list of what each scene stated and what was true; `known` are the first of it, `keep` gets what there is."""
     rng = np.random.default_rng(seed)
     scenes = [drawn(rng, nodes, longest) for _ in range(count)]
-    found = []
+    found = list(known)
+    if [case["scene"] for case in found] != [to_toml(scene) for scene in scenes[: len(found)]]:
+        raise SystemExit("The stored cases are of other scenes: run without --resume.")
     # A process may hold a limited number of compiled programs: each of these ends after a few scenes.
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), max_tasks_per_child=_TOGETHER) as processes:
-        for i, case in enumerate(processes.map(tried, scenes)):
+        for i, case in enumerate(processes.map(tried, scenes[len(found) :]), start=len(found)):
             found.append(case)
+            keep(found)
             print("{:3} {word:14} stated {stated:.1e} true {true:.1e} finer {finer}".format(i, **case), flush=True)
     return found
 
@@ -162,11 +166,19 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--resume", action="store_true")
     arguments = parser.parse_args()
-    found = run(arguments.count, arguments.seed)
+    seed, known = arguments.seed, []
+    if arguments.resume:
+        stored = json.loads((HERE / "data" / "random_scenes.json").read_text())["data"]
+        seed, known = stored["seed"], stored["cases"]
+
+    def keep(found):
+        store("random_scenes", {"seed": seed, "verdict": verdict(found), "cases": found})
+
+    found = run(arguments.count, seed, known=known, keep=keep)
     for name, value in verdict(found).items():
         print(f"{name}: {value}")
-    keep("random_scenes", {"seed": arguments.seed, "verdict": verdict(found), "cases": found})
     save(draw(found), "random_scenes")
 
 

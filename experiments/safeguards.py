@@ -16,23 +16,18 @@ round-off in them grows until it is as large as the tolerance: what depends on c
 Where symmetries are not kept, the bud is wrong by per cents once its neck has opened, and treading ends in a fold.
 """
 
-from contextlib import contextmanager, nullcontext
-from unittest import mock
-
-import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
 from jaxves.base import status
-from jaxves.equation.equation import Filter
-from jaxves.equation.symmetry import Symmetry
+from jaxves.equation.projection import Filter
 from jaxves.geometry import shapes
 from jaxves.observables.checks import Checks
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import make_scene
 from jaxves.plots import run_plots
-from jaxves.potentials import self_refined
+from jaxves.potentials.self_refined import Refinement
 from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.fixed import Fixed
 from jaxves.stepping.schemes import ARK4, ARK5
@@ -122,29 +117,23 @@ def with_adaptive_steps(scene, t_end, variants, tolerance=1e-4, calls=10):
     return found
 
 
-@contextmanager
-def left_out(owner, name, instead):
-    """Without a part of the package, which has no such option: programs compiled with and without are kept apart."""
-    jax.clear_caches()
-    with mock.patch.object(owner, name, instead):
-        yield
-    jax.clear_caches()
-
-
-def ended(scene, tolerance, t_end, saves=6):
+def ended(scene, tolerance, t_end, saves=6, **options):
     """Status, and the rows until then."""
     times = t_end * np.arange(1, saves + 1) / saves
-    state, rows, _ = march(scene, Adaptive(tolerance, max_steps=3000), times, checks=_ALL, together=saves)
+    method = Adaptive(tolerance, max_steps=3000)
+    state, rows, _ = march(scene, method, times, checks=_ALL, together=saves, **options)
     kept = ~np.isnan(rows["t"])
     return status.WORDS[max(int(state.status), status.COMPLETE)], {name: row[kept] for name, row in rows.items()}
 
 
 def errors(scene, t_end, best, without):
-    """{with, without: {status, t, shape, V_m, tension}}: how far from the rows `best` at the last common instant."""
+    """{with, without: {status, t, shape, V_m, tension}}: how far from the rows `best` at the last common instant.
+
+    `without` holds the options of the equation by which the safeguard is left out.
+    """
     found = {}
-    for name, context in (("with", nullcontext()), ("without", without)):
-        with context:
-            word, rows = ended(scene, 1e-5, t_end)
+    for name, options in (("with", {}), ("without", without)):
+        word, rows = ended(scene, 1e-5, t_end, **options)
         n = min(len(rows["t"]), len(best["t"]))
         apart = distances({key: row[:n] for key, row in rows.items()}, {key: row[:n] for key, row in best.items()})
         neck = float(rows["diagnostics/self_gap"][n - 1, 0] / (2 * np.pi / scene.x.shape[1]))
@@ -163,7 +152,7 @@ def in_necks(sizes, reference=192, t_end=0.18):
     if not sizes:
         return {}
     _, best = ended(bud(reference), 1e-6, t_end)
-    return {N: errors(bud(N), t_end, best, left_out(self_refined, "FACTORS", (1,))) for N in sizes}
+    return {N: errors(bud(N), t_end, best, {"refinement": Refinement((1,))}) for N in sizes}
 
 
 # scene, end, nodes, and those of the finer run
@@ -179,7 +168,7 @@ def of_symmetric(names):
     for name in names:
         make, t_end, N, reference = SYMMETRIC[name]
         _, best = ended(make(reference), 1e-6, t_end)
-        found[name] = errors(make(N), t_end, best, left_out(Symmetry, "restored", lambda self, x, V_m: (x, V_m)))
+        found[name] = errors(make(N), t_end, best, {"keep_symmetry": False})
     return found
 
 

@@ -33,7 +33,7 @@ from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import shapes
 from jaxves.numerics import fourier
-from jaxves.operators.interactions import Pairwise
+from jaxves.operators.pairs import Pairwise
 from jaxves.operators.sums import MatrixFree
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.plots import run_plots
@@ -51,7 +51,7 @@ _FIELD = {"conductivity_ratio": 0.1, "membrane_conductance": 0.2}
 def charged(scene: Scene) -> Unknowns:
     """The nodes of a scene with membranes charged as in a vertical field."""
     M, N, _ = scene.x.shape
-    return Unknowns(scene.x, jnp.broadcast_to(0.3 * jnp.sin(fourier.grid(N)), (M, N)))
+    return Unknowns.of(scene.x, jnp.broadcast_to(0.3 * jnp.sin(fourier.grid(N)), (M, N)))
 
 
 def suspension(M: int, N: int, *, gap=GAP, seed=0) -> Scene:
@@ -165,7 +165,7 @@ def pairs(N: int, repeats: int, lanes=4) -> dict[str, float]:
     def side_by_side(x):
         def one(x):
             y = charged(far)
-            return step(far, Unknowns(x, y.V_m))[0].x
+            return step(far, Unknowns.of(x, y.V_m))[0].x
 
         return jax.vmap(one)(x)
 

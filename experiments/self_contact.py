@@ -21,9 +21,8 @@ from matplotlib.figure import Figure
 from jaxves.geometry.curve import Curve
 from jaxves.numerics import fourier
 from jaxves.plots import run_plots
-from jaxves.potentials import self_refined
 from jaxves.potentials.chords import Chords
-from jaxves.potentials.self_refined import SelfKernels, self_kernels
+from jaxves.potentials.self_refined import Refinement, SelfKernels, self_kernels
 
 from ._common import save, store, styled
 
@@ -62,7 +61,8 @@ def run(sizes=(64, 128), widths=WIDTHS, fine=2048):
             x = dumbbell(N, width)
             curve = Curve.from_nodes(x)
             row = {"N": N, "width": width, "spacings": width / float(jnp.max(curve.weights))}
-            row["factor"] = self_refined.FACTORS[int(self_refined.level(curve))]
+            grids = Refinement()
+            row["factor"] = grids.factors[int(grids.level(curve))]
             for kind, corrected in (("plain", False), ("corrected", True)):
                 found = potentials(x, corrected=corrected)
                 for name, value in found.items():

@@ -69,7 +69,7 @@ def treading(N):
 @eqx.filter_jit
 def _start(scene, t_end):
     result = simulate(scene, t_end, saves=1, march=Adaptive(1e-6))
-    return Unknowns(result.state.y.x, result.state.y.V_m)
+    return Unknowns.of(result.state.y.x, result.state.y.V_m)
 
 
 @eqx.filter_jit

@@ -180,7 +180,7 @@ def lyapunov(n: Numbers, N=48, steps=20, interval=0.1, intervals=240, together=2
     march = Fixed(steps)
     state = eqx.filter_jit(initial_state)(equation, march)
     key = jax.random.PRNGKey(0)
-    tangent = equation.filtered(Unknowns(jnp.zeros_like(state.y.x), jax.random.normal(key, state.y.V_m.shape)))
+    tangent = equation.filtered(Unknowns.of(jnp.zeros_like(state.y.x), jax.random.normal(key, state.y.V_m.shape)))
     logs = []
     for _ in range(0, intervals, together):
         count = min(together, intervals)

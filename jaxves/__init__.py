@@ -44,7 +44,7 @@ _PUBLIC = {
     "physics.scene": ("Scene", "dc_field", "make_scene"),
     "physics.units": ("LabQuantities",),
     "physics.waveform": ("PiecewiseLinear", "Pulse", "Sine"),
-    "operators.interactions": ("Pairwise",),
+    "operators.pairs": ("Pairwise",),
     "operators.sums": ("MatrixFree",),
     "numerics.linear": ("Dense", "GMRES"),
     "equation.state": ("Unknowns",),

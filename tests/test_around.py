@@ -47,7 +47,7 @@ def charged_circle(conductivity_ratio, V, **flow):
     """Unit circle in a field along y with V_m = V sin θ: its equation and state."""
     x = shapes.circle(N)
     equation = equation_for(make_scene(x, field=dc_field(1.0, conductivity_ratio=conductivity_ratio), **flow))
-    return equation, Unknowns(x[None], V * x[None, :, 1])
+    return equation, Unknowns.of(x[None], V * x[None, :, 1])
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def pair():
     x = jax.jit(jax.vmap(lambda D, a: shapes.ellipse(64, D, angle=a)))(jnp.array([0.95, 0.9]), jnp.array([0.4, 1.4]))
     field = dc_field(3.2, conductivity_ratio=jnp.array([0.1, 3.0]), vesicles=2, direction=(0.6, 0.8))
     what = make_scene(list(x), centers=[[-1.5, 0.2], [1.4, -0.3]], field=field, flow=Shear(2.0))
-    return equation_for(what), Unknowns(what.x, 0.3 * what.x[..., 1] + 0.2 * what.x[..., 0] ** 2)
+    return equation_for(what), Unknowns.of(what.x, 0.3 * what.x[..., 1] + 0.2 * what.x[..., 0] ** 2)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def vesicle():
     """A lone ellipse in shear."""
     x = jax.jit(lambda: shapes.ellipse(64, 0.9, angle=0.4))()
     what = make_scene(x, flow=Shear(2.0))
-    return equation_for(what), Unknowns(what.x)
+    return equation_for(what), Unknowns.of(what.x)
 
 
 @pytest.mark.parametrize("Lambda", [0.0, 0.1, 1.0, 5.0, np.inf])
@@ -154,7 +154,9 @@ def test_both_rules_agree_where_one_takes_over_from_the_other(pair):
     @jax.jit
     def both(y):
         motion = equation.motion(jnp.zeros(()), y)
-        curve, f_hd, w, V_m = jax.tree.map(lambda leaf: leaf[0], (motion.surfaces.curves, motion.f_hd, motion.w, y.V_m))
+        curve, f_hd, w, V_m = jax.tree.map(
+            lambda leaf: leaf[0], (motion.surfaces.curves, motion.f_hd, motion.electric.w, y.V_m)
+        )
         membrane = _Membrane(curve, f_hd, w, V_m)
         strip = 5 / 4 * jnp.max(curve.weights)
         points = (curve.x + strip * jnp.array([[[1.0]], [[-1.0]]]) * curve.normal).reshape(-1, 2)
@@ -172,7 +174,7 @@ def test_what_is_found_next_to_a_membrane_is_what_the_membrane_has(pair, distanc
     """
     equation, y = pair
     motion = jax.jit(lambda y: equation.motion(jnp.zeros(()), y))(y)
-    curves, fields = motion.surfaces.curves, motion.fields
+    curves, fields = motion.surfaces.curves, motion.electric.fields
     velocity = eqx.filter_jit(lambda motion: motion.surfaces.stokes(motion.f_hd))(motion)
     velocity = (velocity + equation.scene.flow.velocity(y.x, jnp.zeros(()))).reshape(-1, 2)
     normal, tangent = curves.normal.reshape(-1, 2), curves.tangent.reshape(-1, 2)
@@ -248,7 +250,7 @@ def test_gradients_are_finite_and_right_next_to_a_node(batched):
 
     def inner_field(Lambda, points):
         equation = equation_for(make_scene(x, field=dc_field(1.0, conductivity_ratio=Lambda)))
-        return jnp.sum(fields_at(equation, 0.0, Unknowns(x[None], jnp.zeros((1, N))), points).electric_field[:, 1])
+        return jnp.sum(fields_at(equation, 0.0, Unknowns.of(x[None], jnp.zeros((1, N))), points).electric_field[:, 1])
 
     if batched:
         gradient = jax.vmap(jax.grad(inner_field), in_axes=(None, 0))(jnp.asarray(0.5), jnp.stack([points, points + 5]))
@@ -270,6 +272,6 @@ def test_outside_of_jit_points_are_evaluated_by_a_program_made_once(vesicle, cal
     traced = calls_of(fields, "_place")
     before = fields_at(equation, 0.0, y, polar(3.0, P=11))
     once = len(traced)
-    after = fields_at(equation, 1.0, Unknowns(2 * y.x), polar(4.0, P=11))
+    after = fields_at(equation, 1.0, Unknowns.of(2 * y.x), polar(4.0, P=11))
     assert len(traced) == once > 0
     assert np.all(after.velocity != before.velocity)

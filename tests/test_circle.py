@@ -66,7 +66,7 @@ def test_a_circle_that_turns_in_a_field_drags_its_charge_behind_and_feels_the_to
 def test_what_holds_a_circle_makes_its_motion_rigid():
     """Stokes' single layer of the holding force is what the rigid motion lacks, and the pressure is free."""
     equation = equation_for(make_scene(circle(N), flow=Shear(3.0)))
-    motion = eqx.filter_jit(equation.motion)(jnp.zeros(()), Unknowns(equation.scene.x))
+    motion = eqx.filter_jit(equation.motion)(jnp.zeros(()), Unknowns.of(equation.scene.x))
     disturbance = motion.velocity - equation.scene.flow.velocity(equation.scene.x, jnp.zeros(()))
     np.testing.assert_allclose(motion.surfaces.stokes(motion.f_hd), disturbance, atol=1e-12)
     curve = Curve.from_nodes(equation.scene.x[0])
@@ -76,7 +76,7 @@ def test_what_holds_a_circle_makes_its_motion_rigid():
 def test_the_motion_of_a_circle_has_a_derivative():
     def force_and_velocity(Ca):
         equation = equation_for(make_scene(circle(N), flow=Shear(Ca)))
-        motion = equation.motion(jnp.zeros(()), Unknowns(equation.scene.x))
+        motion = equation.motion(jnp.zeros(()), Unknowns.of(equation.scene.x))
         return motion.f_hd, motion.velocity
 
     (f, v), (df, dv) = jax.jit(lambda Ca: jax.jvp(force_and_velocity, (Ca,), (jnp.ones(()),)))(jnp.asarray(2.0))

@@ -92,13 +92,13 @@ def test_the_refinement_follows_the_distance_in_node_spacings(gap, level):
     curve = Curve.from_nodes(jnp.asarray(turn * np.stack([x, y], axis=-1)))
     uniform = jnp.ones(N)  # the corners of the curvature would disturb the spectral one
     curve = Curve(curve.x, curve.tangent, curve.normal, uniform, curve.curvature)
-    assert int(self_refined.level(curve)) == level
+    assert int(self_refined.Refinement().level(curve)) == level
 
 
 def test_apart_from_itself_a_membrane_has_the_plain_kernels(shape):
     """To round-off, for the compiler orders sums as it likes: nothing is refined."""
     x = shape(64)
-    assert int(self_refined.level(Curve.from_nodes(x))) == 0
+    assert int(self_refined.Refinement().level(Curve.from_nodes(x))) == 0
     same = functools.partial(np.testing.assert_allclose, rtol=0, atol=1e-14)
     jax.tree.map(same, jax.jit(refined)(x)[1], jax.jit(by_kress)(x)[1])
 
@@ -128,7 +128,7 @@ def test_gradients_through_a_neck_are_right(width):
         u = surfaces.stokes(jnp.stack([jnp.cos(alpha), jnp.exp(jnp.sin(alpha))], axis=-1)[None])
         return jnp.sum(jnp.sin(u)) + jnp.sum(surfaces.potential_slope(jnp.cos(alpha)[None], jnp.sin(alpha)[None]) ** 2)
 
-    assert int(self_refined.level(Curve.from_nodes(x))) > 0
+    assert int(self_refined.Refinement().level(Curve.from_nodes(x))) > 0
     slope = jnp.sum(jax.grad(total)(x) * direction)
     h = 1e-4
 
@@ -154,4 +154,4 @@ def test_a_neck_finer_than_the_finest_grid_resolves_is_reported(share, code):
     row |= {"diagnostics/area": equation.area, "diagnostics/length": 2 * np.pi * equation.speed}
     row |= {"diagnostics/self_gap": share * self_refined.RESOLVED * 2 * np.pi * equation.speed / N}
     row |= {"x": scene.x, "tension": jnp.zeros(())}
-    assert int(Checks().judge(equation, jnp.zeros(()), Unknowns(scene.x), row)) == code
+    assert int(Checks().judge(equation, jnp.zeros(()), Unknowns.of(scene.x), row)) == code

@@ -16,7 +16,7 @@ from conftest import Stops, stored
 from jaxves.inputs.scene_files import parse, to_toml
 from jaxves.results import run_store, run_writer
 from jaxves.results.hdf5 import StoreError
-from jaxves.runs import runner
+from jaxves.runs import beginning, runner
 from jaxves.runs.continuation import differing, is_done, saved_times
 
 SCENE = """
@@ -173,7 +173,7 @@ def test_a_continuation_that_fails_or_is_interrupted_before_its_first_step_leave
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(runner, "problem_of", stopped)
+        patch.setattr(beginning, "problem_of", stopped)
         with pytest.raises(KeyboardInterrupt):
             runner.run(pop(0.1, 10), path, resume=True)
     assert path.read_bytes() == before

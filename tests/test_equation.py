@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from conftest import circle, diagnosed, motion_of
 
-from jaxves.equation.equation import Filter, equation_for
+from jaxves.equation.equation import equation_for
+from jaxves.equation.projection import Filter
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import curve, shapes
 from jaxves.geometry.curve import Curve
@@ -29,7 +30,7 @@ def both():
 def charged(s, amplitude=0.4):
     """A state with a potential that has no symmetry."""
     alpha = fourier.grid(s.x.shape[1])
-    return Unknowns(s.x, None if s.field is None else amplitude * (jnp.sin(alpha) + 0.3 * jnp.cos(2 * alpha))[None])
+    return Unknowns.of(s.x, None if s.field is None else amplitude * (jnp.sin(alpha) + 0.3 * jnp.cos(2 * alpha))[None])
 
 
 def test_both_forms_of_the_elastic_force_are_one_at_high_resolution():
@@ -46,7 +47,7 @@ def test_membrane_forces_have_no_resultant_and_no_torque():
     s = both()
     motion = motion_of(s, charged(s))
     c = jax.tree.map(lambda leaf: leaf[0], motion.surfaces.curves)
-    elastic = (motion.f_hd + motion.f_el)[0] * c.weights[:, None]
+    elastic = (motion.f_hd + motion.electric.traction)[0] * c.weights[:, None]
     scale = jnp.sum(jnp.abs(elastic))
     np.testing.assert_allclose(jnp.sum(elastic, axis=0), 0, atol=1e-13 * scale)
     torque = jnp.sum(c.x[:, 0] * elastic[:, 1] - c.x[:, 1] * elastic[:, 0])
@@ -57,7 +58,7 @@ def test_the_electric_force_has_no_resultant_and_its_torque_is_that_of_the_dipol
     s = both()
     motion = motion_of(s, charged(s))
     c = jax.tree.map(lambda leaf: leaf[0], motion.surfaces.curves)
-    f_el = motion.f_el[0] * c.weights[:, None]
+    f_el = motion.electric.traction[0] * c.weights[:, None]
     scale = jnp.sum(jnp.abs(f_el))
     np.testing.assert_allclose(jnp.sum(f_el, axis=0), 0, atol=1e-8 * scale)
     d = diagnosed(s, charged(s))
@@ -72,7 +73,7 @@ def test_the_net_charge_of_a_membrane_is_zero():
         motion = motion_of(s, charged(s))
         weights = motion.surfaces.curves.weights
         assert jnp.all(jnp.isfinite(motion.velocity)), ratio
-        assert abs(jnp.sum(weights * motion.w)) < 1e-12 * jnp.sum(weights * jnp.abs(motion.w)), ratio
+        assert abs(jnp.sum(weights * motion.electric.w)) < 1e-12 * jnp.sum(weights * jnp.abs(motion.electric.w)), ratio
 
 
 def test_the_membrane_does_not_stretch():
@@ -104,8 +105,8 @@ def test_charge_on_a_circle_is_the_closed_form():
     """Uncharged: w = 2 E·n. With V_m = V sin θ: w = (2E - V) sin θ for E along y."""
     for ratio in (0.0, 0.1, 5.0, jnp.inf):
         s = make_scene(circle(32), field=field(conductivity_ratio=ratio))
-        y = Unknowns(s.x, 0.7 * jnp.sin(fourier.grid(32))[None])
-        w = motion_of(s, y).w[0]
+        y = Unknowns.of(s.x, 0.7 * jnp.sin(fourier.grid(32))[None])
+        w = motion_of(s, y).electric.w[0]
         np.testing.assert_allclose(w, (2 - 0.7) * jnp.sin(fourier.grid(32)), atol=1e-12)
 
 
@@ -113,18 +114,18 @@ def test_fields_inside_an_uncharged_dielectric_disk_are_uniform():
     """E_i = 2/(1+Λ) E, and the traction follows from E_n, E_t of the two sides."""
     ratio = 0.25
     s = make_scene(circle(64), field=field(conductivity_ratio=ratio))
-    motion = motion_of(s, Unknowns(s.x, jnp.zeros((1, 64))))
+    motion = motion_of(s, Unknowns.of(s.x, jnp.zeros((1, 64))))
     alpha = fourier.grid(64)
     inner = 2 / (1 + ratio)
-    np.testing.assert_allclose(motion.fields.inner_normal[0], inner * jnp.sin(alpha), atol=1e-12)
-    np.testing.assert_allclose(motion.fields.outer_normal[0], inner * ratio * jnp.sin(alpha), atol=1e-12)
-    np.testing.assert_allclose(motion.fields.inner_tangential[0], inner * jnp.cos(alpha), atol=1e-12)
-    np.testing.assert_allclose(motion.fields.outer_tangential[0], inner * jnp.cos(alpha), atol=1e-12)
+    np.testing.assert_allclose(motion.electric.fields.inner_normal[0], inner * jnp.sin(alpha), atol=1e-12)
+    np.testing.assert_allclose(motion.electric.fields.outer_normal[0], inner * ratio * jnp.sin(alpha), atol=1e-12)
+    np.testing.assert_allclose(motion.electric.fields.inner_tangential[0], inner * jnp.cos(alpha), atol=1e-12)
+    np.testing.assert_allclose(motion.electric.fields.outer_tangential[0], inner * jnp.cos(alpha), atol=1e-12)
     jump = 0.5 * inner**2 * (1 - ratio**2) * jnp.sin(alpha) ** 2
     shear = inner**2 * (1 - ratio) * jnp.sin(alpha) * jnp.cos(alpha)
     c = Curve.from_nodes(s.x[0])
     expected = s.field.stress_scale() * (jump[:, None] * c.normal + shear[:, None] * c.tangent)
-    np.testing.assert_allclose(motion.f_el[0], expected, atol=1e-10 * s.field.stress_scale())
+    np.testing.assert_allclose(motion.electric.traction[0], expected, atol=1e-10 * s.field.stress_scale())
 
 
 def test_the_inner_share_and_its_derivative_hold_from_zero_to_infinity():
@@ -135,8 +136,8 @@ def test_the_inner_share_and_its_derivative_hold_from_zero_to_infinity():
 
 def test_with_equal_fluids_and_no_membrane_potential_nothing_is_felt():
     s = make_scene(shapes.ellipse(**ELLIPSE), field=field(conductivity_ratio=1.0))
-    motion = motion_of(s, Unknowns(s.x, jnp.zeros((1, 64))))
-    np.testing.assert_allclose(motion.f_el, 0, atol=1e-9)
+    motion = motion_of(s, Unknowns.of(s.x, jnp.zeros((1, 64))))
+    np.testing.assert_allclose(motion.electric.traction, 0, atol=1e-9)
 
 
 @pytest.mark.parametrize("angle", [0.7, 2.0])
@@ -149,17 +150,19 @@ def test_turning_the_whole_scene_turns_the_motion(angle):
         (s.x @ turn.T, turn @ s.field.direction, turn @ s.flow.velocity_gradient @ turn.T),
     )
     y = charged(s)
-    before, after = motion_of(s, y), motion_of(turned, Unknowns(turned.x, y.V_m))
+    before, after = motion_of(s, y), motion_of(turned, Unknowns.of(turned.x, y.V_m))
     scale = jnp.max(jnp.abs(before.velocity))
     np.testing.assert_allclose(after.velocity, before.velocity @ turn.T, atol=1e-10 * scale)
-    np.testing.assert_allclose(after.V_rate, before.V_rate, atol=1e-10 * jnp.max(jnp.abs(before.V_rate)))
+    np.testing.assert_allclose(
+        after.rates["V_m"], before.rates["V_m"], atol=1e-10 * jnp.max(jnp.abs(before.rates["V_m"]))
+    )
     np.testing.assert_allclose(after.sigma, before.sigma, atol=1e-10 * jnp.max(jnp.abs(before.sigma)))
 
 
 def test_moving_the_first_node_moves_nothing_else():
     s = both()
     y = charged(s)
-    shifted = Unknowns(jnp.roll(y.x, 7, axis=1), jnp.roll(y.V_m, 7, axis=1))
+    shifted = Unknowns.of(jnp.roll(y.x, 7, axis=1), jnp.roll(y.V_m, 7, axis=1))
     before, after = motion_of(s, y), motion_of(eqx.tree_at(lambda s: s.x, s, shifted.x), shifted)
     scale = jnp.max(jnp.abs(before.velocity))
     np.testing.assert_allclose(after.velocity, jnp.roll(before.velocity, 7, axis=1), atol=1e-11 * scale)
@@ -171,9 +174,9 @@ def test_the_frozen_part_of_the_potential_is_the_exact_derivative():
     y, alpha = charged(s), fourier.grid(64)
     equation = equation_for(s)
     dV = jnp.exp(jnp.cos(alpha)) - 1.2
-    A_V = eqx.filter_jit(equation.freeze)(jnp.zeros(()), y).A_V[0]
-    moved = Unknowns(y.x, y.V_m + dV)
-    change = motion_of(s, moved).V_rate[0] - motion_of(s, y).V_rate[0]
+    A_V = eqx.filter_jit(equation.freeze)(jnp.zeros(()), y).A_scalars[0]
+    moved = Unknowns.of(y.x, y.V_m + dV)
+    change = motion_of(s, moved).rates["V_m"][0] - motion_of(s, y).rates["V_m"][0]
     np.testing.assert_allclose(A_V @ dV, change, atol=1e-9 * jnp.max(jnp.abs(change)))
 
 
@@ -184,7 +187,7 @@ def test_the_frozen_part_of_the_shape_is_what_stiffness_is_made_of():
     y = eqx.filter_jit(equation.start)()
     c = Curve.from_nodes(y.x[0])
     bump = jnp.cos(24 * fourier.grid(64))[:, None] * c.normal
-    exact = jax.jvp(lambda x: motion_of(s, Unknowns(x)).velocity, (y.x,), (bump[None],))[1][0]
+    exact = jax.jvp(lambda x: motion_of(s, Unknowns.of(x)).velocity, (y.x,), (bump[None],))[1][0]
     A_x = eqx.filter_jit(equation.freeze)(jnp.zeros(()), y).A_x[0]
     frozen = (A_x @ bump.T.reshape(-1)).reshape(2, -1).T
     assert jnp.max(jnp.abs(frozen - exact)) < 0.05 * jnp.max(jnp.abs(exact))
@@ -199,7 +202,7 @@ def test_projection_restores_metric_and_area_quadratically():
     shake = jnp.stack([jnp.cos(2 * alpha), jnp.sin(3 * alpha)], axis=-1)
 
     def left(size):
-        c = Curve.from_nodes(equation.project(Unknowns(y.x + size * shake), constraint).x[0])
+        c = Curve.from_nodes(equation.project(Unknowns.of(y.x + size * shake), constraint).x[0])
         return jnp.max(jnp.abs(c.speed - 1)) + abs(curve.area(c) - equation.area[0])
 
     assert left(1e-3) < 10 * 1e-3**2 * 10
@@ -217,7 +220,7 @@ def _primitives(jaxpr):
 
 
 def _traced(s):
-    y = Unknowns(s.x, None if s.field is None else jnp.zeros(s.x.shape[:2]))
+    y = Unknowns.of(s.x, None if s.field is None else jnp.zeros(s.x.shape[:2]))
     jaxpr = jax.make_jaxpr(lambda s, y: equation_for(s, filter=Filter(4)).rate(jnp.zeros(()), y))(s, y)
     return list(_primitives(jaxpr.jaxpr))
 

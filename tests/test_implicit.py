@@ -22,7 +22,7 @@ def pair(gap):
     reach = 2 * jnp.max(ellipse[:, 1]) + gap
     centers = jnp.stack([jnp.zeros(2), jnp.array([0.0, 1.0]) * reach])
     scene = make_scene([ellipse] * 2, centers=centers, field=dc_field(3.2, conductivity_ratio=0.1, vesicles=2))
-    return equation_for(scene), Unknowns(scene.x, jnp.zeros((2, N)))
+    return equation_for(scene), Unknowns.of(scene.x, jnp.zeros((2, N)))
 
 
 @eqx.filter_jit
@@ -42,7 +42,7 @@ def test_a_film_is_not_left_to_explicit_stages():
     def jacobian(c):
         def rate(c):
             x = jnp.swapaxes(c.reshape(2, 2, N), 1, 2)
-            return columns(equation.rate(jnp.zeros(()), Unknowns(x, y.V_m)).x)
+            return columns(equation.rate(jnp.zeros(()), Unknowns.of(x, y.V_m)).x)
 
         return jax.jacfwd(rate)(c)
 
@@ -61,8 +61,8 @@ def test_far_membranes_take_a_block_each():
     assert not np.any(frozen.A_all)
     b = jnp.sin(jnp.arange(4.0 * N)).reshape(2, N, 2)
     c = jnp.asarray(0.01)
-    charge_free = eqx.tree_at(lambda f: f.A_V, frozen, None)
-    x = eqx.filter_jit(lambda frozen: frozen.implicit(c).solve(Unknowns(b)).x)(charge_free)
+    charge_free = eqx.tree_at(lambda f: f.A_scalars, frozen, None)
+    x = eqx.filter_jit(lambda frozen: frozen.implicit(c).solve(Unknowns.of(b)).x)(charge_free)
     parts = zip(frozen.A_x, columns(x).reshape(2, -1), columns(b).reshape(2, -1), strict=True)
     for A, x, b in parts:
         np.testing.assert_allclose(x - c * A @ x, b, atol=1e-10)
@@ -87,3 +87,36 @@ def test_derivatives_hold_on_both_sides_of_the_branch():
     assert slope[0] != 0 and slope[1] == 0
     exact = np.linalg.solve(np.eye(8) - 0.3 * A, b.reshape(-1))
     np.testing.assert_allclose(value(near, c)[0], np.sum(exact**2), rtol=1e-12)
+
+
+def test_scalars_are_solved_after_the_shapes_which_may_drive_them():
+    """Two scalars, and rates of them that depend on the shapes: (1 - c A) times what `solve` returns is r."""
+    frozen = frozen_of(*pair(2.0))
+    rng = np.random.default_rng(0)
+    M, c = 2, jnp.asarray(0.01)
+    A = jnp.asarray(rng.normal(size=(M, 2 * N, 2 * N)))
+    drive = jnp.asarray(rng.normal(size=(2, N, 2)))
+
+    def below(drive, dx):
+        return {"charge": jnp.sum(drive[0] * dx, axis=-1), "V_m": jnp.sum(drive[1] * dx, axis=-1)}
+
+    frozen = eqx.tree_at(
+        lambda f: (f.A_scalars, f.below), frozen, (A, jax.tree_util.Partial(below, drive)), is_leaf=lambda f: f is None
+    )
+    r = Unknowns(
+        jnp.asarray(rng.normal(size=(M, N, 2))),
+        {name: jnp.asarray(rng.normal(size=(M, N))) for name in ("V_m", "charge")},
+    )
+    found = eqx.filter_jit(lambda frozen: frozen.implicit(c).solve(r))(frozen)
+    np.testing.assert_allclose(found.x, frozen_solve_x(frozen, c, r), atol=1e-12)
+    for m in range(M):
+        s = jnp.concatenate([found.scalars[name][m] for name in sorted(r.scalars)])
+        driven = below(drive, found.x)
+        wanted = jnp.concatenate([(r.scalars[name] + c * driven[name])[m] for name in sorted(r.scalars)])
+        np.testing.assert_allclose(s - c * A[m] @ s, wanted, atol=1e-10)
+
+
+def frozen_solve_x(frozen, c, r):
+    """The shapes alone, without scalars."""
+    alone = eqx.tree_at(lambda f: (f.A_scalars, f.below), frozen, (None, None), is_leaf=lambda f: f is None)
+    return eqx.filter_jit(lambda frozen: frozen.implicit(c).solve(Unknowns.of(r.x)).x)(alone)

@@ -106,7 +106,7 @@ def test_the_energy_of_a_shape_at_rest_scales_back_with_its_size():
     To what 16 nodes leave of the equations, which are more than the unknowns: 1.5e-5 of the energy.
     """
     file = parse({"t_end": 0.1, "vesicle": [{"reduced_area": 0.95}], "numerics": {"nodes": 16}})
-    rest = sensitivity.AtRest(file, ("bending_energy", "deformation"), Unknowns(scene_of(file, {}).x))
+    rest = sensitivity.AtRest(file, ("bending_energy", "deformation"), Unknowns.of(scene_of(file, {}).x))
     values = {"vesicle.length": 1.0, "vesicle.reduced_area": 0.95}
     found, slopes = sensitivity.jacobian(rest, values)
     np.testing.assert_allclose(slopes["bending_energy"]["vesicle.length"], -found["bending_energy"], rtol=1e-4)
@@ -117,7 +117,7 @@ def test_a_steady_shape_that_is_not_found_has_no_diagnostics():
     file = parse({"t_end": 0.1, "vesicle": [{"reduced_area": 0.95}], "numerics": {"nodes": 32}})
     scene = scene_of(file, {})
     folded = scene.x * (1 + 0.5 * jnp.cos(8 * 2 * jnp.pi * jnp.arange(32) / 32))[:, None]
-    lost = steady_shape(scene, Unknowns(folded))
+    lost = steady_shape(scene, Unknowns.of(folded))
     assert not lost.converged
     assert np.isnan(lost.diagnostics["bending_energy"]).all()
 
@@ -126,7 +126,7 @@ def test_a_steady_shape_is_sought_of_one_vesicle():
     two = [{"reduced_area": 0.9}, {"reduced_area": 0.9, "center": [4.0, 0.0]}]
     scene = scene_of(parse(RELAXING | {"vesicle": two}), {})
     with pytest.raises(ValueError, match="one vesicle, but the scene has 2"):
-        steady_shape(scene, Unknowns(scene.x))
+        steady_shape(scene, Unknowns.of(scene.x))
 
 
 # -- sensitivities -------------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ def _diagnosing(N, M):
     def diagnose(x, V_m):
         field = dc_field(3.2, conductivity_ratio=0.1, vesicles=M, direction=DIRECTION)
         equation = equation_for(make_scene(list(x), field=field))
-        y = Unknowns(x, V_m)
+        y = Unknowns.of(x, V_m)
         row = {f"diagnostics/{name}": value for name, value in _found(equation, y).items()}
         checks = Checks(tail=np.inf)
         zero = jnp.zeros(())
@@ -81,7 +81,7 @@ def test_the_dipole_of_a_poor_conductor_points_against_the_field():
     def angle(Lambda, direction=DIRECTION):
         x = shapes.circle(32)
         equation = equation_for(make_scene(x, field=dc_field(1.0, conductivity_ratio=Lambda, direction=direction)))
-        y = Unknowns(x[None], jnp.zeros((1, 32)))
+        y = Unknowns.of(x[None], jnp.zeros((1, 32)))
         motion = equation.motion(jnp.zeros(()), y)
         return diagnostics.diagnose(equation, jnp.zeros(()), y, motion)["dipole_angle"][0]
 

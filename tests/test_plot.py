@@ -216,7 +216,7 @@ def test_a_history_by_default_shows_what_is_there():
 def charged():
     x = shapes.circle(N)
     equation = equation_for(make_scene(x, field=dc_field(3.0, conductivity_ratio=0.1)))
-    return equation, Unknowns(x[None], 0.5 * x[None, :, 1])
+    return equation, Unknowns.of(x[None], 0.5 * x[None, :, 1])
 
 
 def test_field_lines_reach_the_membrane_from_both_sides(charged):
@@ -233,7 +233,7 @@ def test_field_lines_reach_the_membrane_from_both_sides(charged):
 def test_stream_lines_follow_the_fluid_and_show_the_tension():
     x = shapes.ellipse(N, 0.9, angle=0.4)  # a circle would hold still, and all velocities be round-off
     equation = equation_for(make_scene(x, field=dc_field(3.0, conductivity_ratio=0.1)))
-    y = Unknowns(x[None], 0.5 * x[None, :, 1])
+    y = Unknowns.of(x[None], 0.5 * x[None, :, 1])
     figure = run_plots.streamlines(equation, 0.1, y, resolution=60, window=(-2, 2, -2, 2))
     ax = figure.axes[0]
     assert ax.get_xlim() == (-2, 2) and ax.get_ylim() == (-2, 2)
@@ -250,7 +250,7 @@ def test_stream_lines_follow_the_fluid_and_show_the_tension():
 def test_field_lines_need_a_field():
     x = shapes.circle(N)
     with pytest.raises(ValueError, match="field"):
-        run_plots.field_lines(equation_for(make_scene(x)), 0.0, Unknowns(x[None]))
+        run_plots.field_lines(equation_for(make_scene(x)), 0.0, Unknowns.of(x[None]))
 
 
 def test_a_film_has_the_frames_asked_for(tmp_path):

@@ -40,7 +40,7 @@ def test_the_instantaneous_motion_of_a_nearly_circular_vesicle_is_the_theorys(V)
     def found(x, V_m):
         setting = make_scene(x, field=field, flow=Shear(NUMBERS.shear))
         equation = equation_for(setting)
-        motion = equation.motion(jnp.zeros(()), Unknowns(x[None], V_m[None]))
+        motion = equation.motion(jnp.zeros(()), Unknowns.of(x[None], V_m[None]))
         curves = motion.surfaces.curves
         theta = jnp.arctan2(x[:, 1], x[:, 0])
         radial = jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=-1)
@@ -50,7 +50,7 @@ def test_the_instantaneous_motion_of_a_nearly_circular_vesicle_is_the_theorys(V)
         r = jnp.hypot(*x.T)
         weights = jnp.sum(curves.normal[0] * radial, axis=-1) * curves.weights[0] / r / (2 * jnp.pi)  # dθ/2π
         rate = jnp.sum(weights * v_r * jnp.exp(-2j * theta))
-        V_rate = jnp.sum(weights * motion.V_rate[0] * jnp.exp(-1j * theta))
+        V_rate = jnp.sum(weights * motion.rates["V_m"][0] * jnp.exp(-1j * theta))
         return rate, V_rate, jnp.sum(weights * v_t)
 
     errors = []

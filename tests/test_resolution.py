@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import Stops, star, stored
 
-from jaxves.equation.equation import Filter
+from jaxves.equation.projection import Filter
 from jaxves.inputs.scene_files import parse
 from jaxves.numerics import fourier
 from jaxves.results import run_store

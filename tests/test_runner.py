@@ -7,7 +7,7 @@ import pytest
 from conftest import Stops, stored
 
 from jaxves.base import status
-from jaxves.equation.equation import Filter
+from jaxves.equation.projection import Filter
 from jaxves.inputs.scene_files import parse
 from jaxves.numerics import fourier
 from jaxves.observables.certificate import certificate

@@ -16,8 +16,8 @@ from jaxves.geometry import shapes
 from jaxves.geometry.curve import Curve
 from jaxves.numerics import krylov
 from jaxves.operators import interactions, sums
-from jaxves.operators.interactions import Pairwise
 from jaxves.operators.near_pairs import NearPairs
+from jaxves.operators.pairs import Pairwise
 from jaxves.operators.sums import MatrixFree, coupling_for
 from jaxves.physics.scene import dc_field, make_scene
 from jaxves.stepping.adaptive import Adaptive
@@ -34,7 +34,7 @@ def row_of(M, N, *, spacing=2.4):
     field = dc_field(3.2, conductivity_ratio=jnp.linspace(0.1, 2.0, M), membrane_conductance=0.2, vesicles=M)
     scene = make_scene(turned, centers=[[spacing * m, 0.4 * (m % 2)] for m in range(M)], field=field)
     alpha = np.arange(N) * (2 * np.pi / N)
-    return scene, Unknowns(scene.x, jnp.stack([0.4 * jnp.sin(alpha + m) for m in range(M)]))
+    return scene, Unknowns.of(scene.x, jnp.stack([0.4 * jnp.sin(alpha + m) for m in range(M)]))
 
 
 @eqx.filter_jit
@@ -48,15 +48,18 @@ def test_every_coupling_gives_the_motion_of_the_direct_solve(coupling):
     exact, found = motion_of(scene, y, DIRECT), motion_of(scene, y, coupling)
     assert found.residual < 1e-11
     assert 4 < found.iterations < 60
-    for name in ("velocity", "sigma", "w", "V_rate", "f_el"):
-        wanted = getattr(exact, name)
-        np.testing.assert_allclose(getattr(found, name), wanted, atol=SOLVED * jnp.max(jnp.abs(wanted)))
+
+    def compared(motion):
+        return motion.velocity, motion.sigma, motion.rates["V_m"], motion.electric.w, motion.electric.traction
+
+    for value, wanted in zip(compared(found), compared(exact), strict=True):
+        np.testing.assert_allclose(value, wanted, atol=SOLVED * jnp.max(jnp.abs(wanted)))
 
 
 def test_the_row_has_near_and_far_pairs():
     """So that the test above sees both rules; the spacing of the source decides, hence not (1, 2)."""
     scene, _ = row_of(3, 32)
-    near = jax.jit(lambda x: NearPairs.of(jax.vmap(Curve.from_nodes)(x), 2))(scene.x)
+    near = jax.jit(lambda x: NearPairs.of(jax.vmap(Curve.from_nodes)(x), 2, interactions.NEAR))(scene.x)
     pairs = {(int(i), int(j)) for i, j in zip(near.target[near.valid], near.source[near.valid], strict=True)}
     assert pairs == {(0, 1), (1, 0), (2, 1)}
 
@@ -68,7 +71,7 @@ def test_derivatives_through_iterations_are_those_of_the_direct_solve(coupling):
     scene, y = row_of(2, N)
     alpha = np.arange(N) * (2 * np.pi / N)
     turn = jnp.stack([jnp.cos(2 * alpha), jnp.sin(alpha)], axis=-1)
-    direction = Unknowns(jnp.stack([turn, -0.5 * turn]), jnp.stack([jnp.cos(alpha), jnp.sin(3 * alpha)]))
+    direction = Unknowns.of(jnp.stack([turn, -0.5 * turn]), jnp.stack([jnp.cos(alpha), jnp.sin(3 * alpha)]))
 
     @eqx.filter_jit
     def slopes(y, coupling):
@@ -89,7 +92,7 @@ def test_scenes_side_by_side_are_solved_as_one_by_one():
     moved = jnp.stack([y.x, y.x.at[1].add(jnp.array([1.5, 0.0]))])
 
     def velocity(x):
-        return equation_for(scene, coupling=MatrixFree(1)).rate(jnp.zeros(()), Unknowns(x, y.V_m)).x
+        return equation_for(scene, coupling=MatrixFree(1)).rate(jnp.zeros(()), Unknowns.of(x, y.V_m)).x
 
     together, alone = jax.jit(jax.vmap(velocity))(moved), jax.jit(velocity)
     for x, found in zip(moved, together, strict=True):
@@ -122,14 +125,15 @@ def test_neighbours_are_those_of_a_search_through_all_pairs(seed):
     curves = crowd(jax.random.key(seed))
     targets, sources = interactions.pair_frames(curves)
     expected = np.zeros((24, 24), bool)
-    expected[~np.eye(24, dtype=bool)] = jax.jit(jax.vmap(interactions.is_near_curve))(sources, targets.x)
-    near = jax.jit(NearPairs.of, static_argnums=1)(curves, 12)
+    is_near = jax.jit(jax.vmap(lambda source, x: interactions.is_near_curve(source, x, 5.0)))
+    expected[~np.eye(24, dtype=bool)] = is_near(sources, targets.x)
+    near = jax.jit(NearPairs.of, static_argnums=(1, 2))(curves, 12, 5.0)
     assert not near.overflow
     found = np.zeros((24, 24), bool)
     found[near.target[near.valid], near.source[near.valid]] = True
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(near.sources_of(jnp.int32(5), 24), expected[5])
-    assert jax.jit(NearPairs.of, static_argnums=1)(curves, int(expected.sum()) // 24 - 1).overflow
+    assert jax.jit(NearPairs.of, static_argnums=(1, 2))(curves, int(expected.sum()) // 24 - 1, 5.0).overflow
 
 
 def test_near_pairs_without_room_end_a_run_as_crowded():
@@ -167,9 +171,9 @@ def test_the_size_decides_how_membranes_are_coupled():
 _SHARDED = """
 import jax, jax.numpy as jnp, numpy as np
 from test_summation import row_of
-from jaxves.curve import Curve
-from jaxves.equation import equation_for
-from jaxves.summation import MatrixFree
+from jaxves.equation.equation import equation_for
+from jaxves.geometry.curve import Curve
+from jaxves.operators.sums import MatrixFree
 
 scene, y = row_of(3, 16)
 weights = jnp.cos(jnp.arange(y.x.size)).reshape(y.x.shape)
@@ -181,7 +185,7 @@ def found(coupling):
 
     def everything(x):
         value, back = jax.vjp(sums, x, y.V_m)
-        rate = equation_for(scene, coupling=coupling).rate(jnp.zeros(()), type(y)(x, y.V_m))
+        rate = equation_for(scene, coupling=coupling).rate(jnp.zeros(()), type(y).of(x, y.V_m))
         return value, back((weights, weights)), rate
 
     compiled = jax.jit(everything).lower(y.x).compile()

@@ -59,7 +59,7 @@ def _along_outline(motion: Motion, y: Unknowns):
     if y.V_m is None:
         return normal[0], None
     carried = jnp.sum(relative * curves.tangent, axis=-1) * motion.surfaces.d_ds(y.V_m)
-    return normal[0], (motion.V_rate - carried)[0]
+    return normal[0], (motion.rates["V_m"] - carried)[0]
 
 
 def _residual(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R"]:
@@ -106,7 +106,7 @@ def steady_shape(scene: Scene, start: Unknowns, *, most: int = 30, solver: Abstr
 @eqx.filter_jit
 def _by_newton(scene: Scene, start: Unknowns, most: int, solver: AbstractSolver | None) -> Steady:
     equation = equation_for(scene, solver=solver)
-    start = jax.lax.stop_gradient(Unknowns(start.x, start.V_m))
+    start = jax.lax.stop_gradient(Unknowns(start.x, start.scalars))
     anchor = Curve.from_nodes(start.x[0])
     flat, unflatten = ravel_pytree(start)
     fixed = jax.lax.stop_gradient(equation)

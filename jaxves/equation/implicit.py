@@ -1,12 +1,19 @@
-"""Solving with 1 - c A: by blocks, or as one matrix while membranes are near each other."""
+"""The implicit part A of the equation at one instant, and solving with 1 - c A.
+
+A is block lower triangular: the shapes, the scalars, and where the model has it the dependence of the scalars' rates on
+the shapes. Shapes are solved by one block per membrane, or as one matrix while membranes are near each other.
+"""
+
+from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..numerics import linear
-from ..numerics.arrays import Scalar
+from ..numerics.arrays import Scalar, VesicleNodes, VesiclePoints
 from .inextensible import Constraint
 from .state import Motion, Unknowns
 
@@ -26,7 +33,7 @@ class Shifted(eqx.Module):
         c: Scalar,
         near: Bool[Array, ""] | None,
     ):
-        """`A` is zero while nothing is near; its factors are then those of 1, found by nobody."""
+        """`A` is zero while no pair is near; the factors of the identity are then used without computing them."""
         if A is None:
             return cls(blocks, None, None)
         one = jnp.eye(A.shape[0])
@@ -46,30 +53,56 @@ class Shifted(eqx.Module):
 
 
 class Implicit(eqx.Module):
-    """1 - c A, ready to be solved with; the identity on running integrals."""
+    """1 - c A, factored; the identity on running integrals.
+
+    `below`, where there is one, gives c times what a change of the shapes adds to the scalars.
+    """
 
     x: Shifted
-    V_m: linear.AbstractFactoredDense | None
+    scalars: linear.AbstractFactoredDense | None
+    below: Callable[[VesiclePoints], dict[str, VesicleNodes]] | None
 
     def solve(self, r: Unknowns) -> Unknowns:
         """(1 - c A)⁻¹ r."""
         M, N, _ = r.x.shape
         x = self.x.solve(jnp.swapaxes(r.x, 1, 2).reshape(M, 2 * N))
-        V_m = None if self.V_m is None else linear.solve_blocks(self.V_m, r.V_m)
-        return Unknowns(jnp.swapaxes(x.reshape(M, 2, N), 1, 2), V_m, r.integrals)
+        x = jnp.swapaxes(x.reshape(M, 2, N), 1, 2)
+        scalars = r.scalars
+        if self.below is not None:
+            scalars = jax.tree.map(jnp.add, scalars, self.below(x))
+        if self.scalars is not None:
+            scalars = _unstacked(linear.solve_blocks(self.scalars, _stacked(scalars)), scalars)
+        return Unknowns(x, scalars, r.integrals)
+
+
+def _stacked(scalars: dict[str, VesicleNodes]) -> Float[Array, "M n"]:
+    """All scalars of every membrane as one vector, in the order of their names."""
+    parts = jax.tree.leaves(scalars)
+    return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=1)
+
+
+def _unstacked(values: Float[Array, "M n"], like: dict[str, VesicleNodes]) -> dict[str, VesicleNodes]:
+    """The inverse of `_stacked`, with the names of `like`."""
+    leaves, names = jax.tree.flatten(like)
+    parts = [values] if len(leaves) == 1 else jnp.split(values, len(leaves), axis=1)
+    return jax.tree.unflatten(names, parts)
 
 
 class Frozen(eqx.Module):
-    """The linear part at one instant, with the constraint that projections use.
+    """The implicit part at one instant, with the constraint that projections use.
 
-    `A_all` replaces the blocks `A_x` while membranes are near; it is zero otherwise, and None where there never is one.
+    `A_x` (M, 2N, 2N) is of the shapes, one block per membrane. `A_all` replaces it while membranes are near; it is zero
+    otherwise, and None where one matrix of all is not used. `A_scalars` (M, n, n) is of the scalars, in the order of
+    their names; None without any. `below` is the rate of the scalars that a change (M, N, 2) of the shapes causes, at
+    fixed scalars; None where the explicit part takes it.
     """
 
     motion: Motion
     constraint: Constraint
     A_x: Float[Array, "M n n"]
     A_all: Float[Array, "Mn Mn"] | None
-    A_V: Float[Array, "M N N"] | None
+    A_scalars: Float[Array, "M k k"] | None
+    below: Callable[[VesiclePoints], dict[str, VesicleNodes]] | None = None
 
     def implicit(self, c: Scalar) -> Implicit:
         """The factorised 1 - c A."""
@@ -77,6 +110,11 @@ class Frozen(eqx.Module):
         def shifted(A):
             return linear.factor_blocks(jnp.eye(A.shape[-1]) - c * A)
 
-        near = None if self.A_all is None else self.motion.surfaces.interactions.any_near
+        near = None if self.A_all is None else self.motion.surfaces.interactions.any_near()
         x = Shifted.of(shifted(self.A_x), self.A_all, c, near)
-        return Implicit(x, None if self.A_V is None else shifted(self.A_V))
+        below = None if self.below is None else jax.tree_util.Partial(_scaled, self.below, c)
+        return Implicit(x, None if self.A_scalars is None else shifted(self.A_scalars), below)
+
+
+def _scaled(function, c: Scalar, x: VesiclePoints) -> dict[str, VesicleNodes]:
+    return jax.tree.map(lambda rate: c * rate, function(x))

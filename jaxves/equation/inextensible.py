@@ -11,8 +11,13 @@ from jaxtyping import Array, Bool, Float
 
 from ..geometry.curve import Curve
 from ..numerics import fourier, linear
+from ..numerics.arrays import VesicleNodes
+from ..operators.interactions import pair_frames
 from ..operators.surfaces import Surfaces
+from ..physics import membrane
 from ..potentials.self_stokes import StokesBlocks
+from .coupled import assembled, solve_coupled
+from .mobility import AbstractMobility
 
 
 class TensionBlock(eqx.Module):
@@ -25,18 +30,15 @@ class TensionBlock(eqx.Module):
     stiffness: Float[Array, "N N"]
 
     @classmethod
-    def of(cls, curve: Curve, laplace_slp, stokes_slp, is_circle, cut: int) -> "TensionBlock":
-        """From the kernels of one membrane, whose weight |x_α| cancels that of ∂_s.
+    def of(cls, curve: Curve, pull: StokesBlocks, is_circle, cut: int) -> "TensionBlock":
+        """Of one membrane; `pull` (N, N) is its mobility times ∂_α, in which the weight |x_α| cancels that of ∂_s.
 
         On a circle a uniform tension is a pressure and moves nothing: the gauge is mean σ = 0.
         """
         N = curve.speed.shape[0]
         D = fourier.derivative_matrix(N)
-        xx, xy, log = stokes_slp.xx @ D, stokes_slp.xy @ D, laplace_slp @ D
-        # G_yy = S + const - G_xx, and ∂ leaves no mean: G_yy ∂ needs no product of its own.
-        yy = log - xx
         tx, ty = curve.tangent[:, 0], curve.tangent[:, 1]
-        spread = jnp.stack([xx * tx + xy * ty, xy * tx + yy * ty])
+        spread = jnp.stack([pull.xx * tx + pull.xy * ty, pull.xy * tx + pull.yy * ty])
         stiffness = -(tx[:, None] * (D @ spread[0]) + ty[:, None] * (D @ spread[1]))
         pins = fourier.high_modes(N, cut)
         left = pins.T @ stiffness
@@ -48,13 +50,13 @@ class Constraint(eqx.Module):
     """Inextensibility at one instant, per membrane: how tension moves it, and the factorised stretch it causes."""
 
     spread: Float[Array, "M 2 N N"]
-    tension: linear.AbstractFactored
+    tension: linear.AbstractFactoredDense
 
     @classmethod
-    def of(cls, surfaces: Surfaces, is_circle: Bool[Array, " M"], cut: int) -> "Constraint":
+    def of(cls, surfaces: Surfaces, mobility: AbstractMobility, is_circle: Bool[Array, " M"], cut: int) -> "Constraint":
         """Of each membrane by itself; `cut` modes are filtered from tensions."""
         blocks = jax.vmap(lambda *parts: TensionBlock.of(*parts, cut))(
-            surfaces.curves, surfaces.laplace_slp, surfaces.stokes_slp, is_circle
+            surfaces.curves, mobility.own_of_derivative(surfaces), is_circle
         )
         return cls(blocks.spread, linear.factor_blocks(blocks.stiffness, positive_definite=True))
 
@@ -67,3 +69,36 @@ def stretch_response(velocity: StokesBlocks, target: Curve, source: Curve, cut: 
     tx, ty = source.tangent[:, 0], source.tangent[:, 1]
     rows = target.tangent[:, :1] * (D @ (xx * tx + xy * ty)) + target.tangent[:, 1:] * (D @ (xy * tx + yy * ty))
     return fourier.low_pass_rows(fourier.low_pass_rows(rows, cut).T, cut).T
+
+
+def solve_tension(
+    surfaces: Surfaces, constraint: Constraint, stretch: VesicleNodes, *, cut: int, direct: bool
+) -> linear.Solution:
+    """The tensions (M, N) that undo |x_α| times a stretch (M, N) of the membranes.
+
+    `cut` modes are filtered from tensions; `direct`: membranes are coupled by factors and not by GMRES.
+    """
+    across = surfaces.interactions
+    if across is None:
+        return jax.vmap(lambda tension, b: tension.solve(b))(constraint.tension, stretch)
+    if direct:
+        tension = assembled_tension(surfaces, constraint, cut)
+        return tension.solve(stretch.reshape(-1)).reshaped(*stretch.shape)
+
+    def respond(across, sigma):
+        force = jax.vmap(membrane.linear_tension_force)(surfaces.curves, fourier.low_pass(sigma, cut))
+        rate = jax.vmap(membrane.stretch_rate)(surfaces.curves, across.stokes(force))
+        return -fourier.low_pass(surfaces.curves.speed * rate, cut)
+
+    return solve_coupled(constraint.tension, respond, across, stretch)
+
+
+def assembled_tension(surfaces: Surfaces, constraint: Constraint, cut: int) -> linear.AbstractFactoredDense:
+    """The factorised stretch of all membranes that all their tensions cause, from the matrices of all pairs."""
+    pairs = surfaces.interactions.matrices()
+
+    def block(velocity, target, source):
+        return -stretch_response(velocity, target, source, cut)
+
+    coupled = pairs.scattered(jax.vmap(block)(pairs.velocity, *pair_frames(surfaces.curves)))
+    return assembled(constraint.tension.operator.matrix, coupled)

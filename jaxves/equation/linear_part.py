@@ -1,14 +1,14 @@
-r"""The linear part A of F, at one instant: what steps take implicitly.
+r"""The matrices of the implicit part of shapes, at one instant.
 
-    A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q        A_V = (Λ/(1+Λ) (½ + S'η)⁻¹ D' - G)/χ
+    A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q
 
-Geometry and tension are held; the metric is taken uniform, which the projection keeps it. `cut` modes are removed from
-x, `surface_cut` from tensions and potentials.
+Geometry and tension are held fixed. The metric is taken as uniform, since the projection keeps it uniform. `cut` modes
+are removed from x, `surface_cut` from tensions.
 
-One block per membrane leaves to the explicit part what a film does to the bending of its two sides, and that is stiff:
-with 64 nodes and a gap of 0.031 a the explicit part grows at up to 2190 per t_κ, which forbids steps of 4e-3 (2e-3
-holds), and with more nodes less; what one matrix of all membranes leaves grows at up to 34. While no pair is near, the
-blocks do, for less.
+One block per membrane leaves the effect of a thin film on the bending of its two sides to the explicit part, and that
+is stiff: with 64 nodes and a gap of 0.031 a the explicit part grows at up to 2190 per t_κ, which forbids steps of 4e-3
+(2e-3 is stable). With one matrix of all membranes it grows at up to 34. While no pair is near, the blocks suffice and
+cost less.
 """
 
 import jax
@@ -33,9 +33,9 @@ def _elastic_matrix(curve: Curve, sigma: Float[Array, " N"], bending: Scalar, cu
     return (-bending / speed**4) * (D @ D @ D @ D_low) + (D * (sigma / speed**2)) @ D_low
 
 
-def frozen_shape(
+def shape_block(
     curve: Curve,
-    stokes_slp: StokesBlocks,
+    own: StokesBlocks,
     sigma: Float[Array, " N"],
     bending: Scalar,
     constraint: Constraint,
@@ -43,10 +43,10 @@ def frozen_shape(
     cut: int,
     surface_cut: int,
 ) -> Float[Array, "n n"]:
-    """A_x of one membrane by itself, 2N unknowns ordered by component, node."""
+    """A_x of one membrane by itself, 2N unknowns ordered by component, node; `own` is its mobility."""
     D = fourier.derivative_matrix(sigma.shape[0])
     K = jnp.mean(curve.speed) * _elastic_matrix(curve, sigma, bending, cut)
-    xx, xy, yy = stokes_slp.xx @ K, stokes_slp.xy @ K, stokes_slp.yy @ K
+    xx, xy, yy = own.xx @ K, own.xy @ K, own.yy @ K
     d_xx, d_xy, d_yy = D @ xx, D @ xy, D @ yy
     tx, ty = curve.tangent[:, :1], curve.tangent[:, 1:]
     stretch = jnp.concatenate([tx * d_xx + ty * d_xy, tx * d_xy + ty * d_yy], axis=1)
@@ -56,28 +56,9 @@ def frozen_shape(
     return jnp.concatenate([fourier.low_pass_rows(row, cut) for row in rows], axis=0)
 
 
-def frozen_potential(
-    curve: Curve,
-    laplace_slp: Float[Array, "N N"],
-    charge: linear.AbstractFactoredDense,
-    share: Scalar,
-    conductance: Scalar,
-    chi: Scalar,
-    *,
-    surface_cut: int,
-) -> Float[Array, "N N"]:
-    """A_V of one membrane by itself: `charge` solves for its charge, of which Λ/(1+Λ) is the inner `share`."""
-    D = fourier.derivative_matrix(curve.speed.shape[0])
-    low_pass = fourier.low_pass_matrix(curve.speed.shape[0], surface_cut)
-    # D · kernel · D over |x_α|, low-passed on the right by its constant factor
-    dlp_dn = (D @ (laplace_slp @ (D @ low_pass))) / curve.speed[:, None]
-    response = fourier.low_pass_rows(share * charge.solve_columns(dlp_dn), surface_cut)
-    return (response - conductance * low_pass) / chi
-
-
-def frozen_shapes(
+def shape_matrix(
     surfaces: Surfaces,
-    tension: linear.AbstractFactored,
+    tension: linear.AbstractFactoredDense,
     sigma: VesicleNodes,
     bending: PerVesicle,
     *,
@@ -111,11 +92,11 @@ def _single_layer(surfaces: Surfaces) -> Float[Array, "M 2 N M 2 N"]:
         rows = jnp.stack([blocks.xx, blocks.xy], axis=-2), jnp.stack([blocks.xy, blocks.yy], axis=-2)
         return jnp.stack(rows, axis=-4)
 
-    across = surfaces.interactions
+    pairs = surfaces.interactions.matrices()
     M, N = surfaces.curves.speed.shape
     m = np.arange(M)
     own = whole(surfaces.stokes_slp) * surfaces.curves.speed[:, None, None, None]
-    target, source = across.ordered()
+    target, source = pairs.ordered()
     # advanced indices apart from each other put the pair axis first
     S = jnp.zeros((M, 2, N, M, 2, N)).at[m, :, :, m].set(own)
-    return S.at[target, :, :, source].set(whole(across.velocity))
+    return S.at[target, :, :, source].set(whole(pairs.velocity))

@@ -28,7 +28,7 @@ ROUGH = 3e-3  # a spectrum whose top exceeds this part of its largest mode is no
 
 def error_size(error: Unknowns) -> Scalar:
     """The largest error of any node in position or potential; NaN when any is."""
-    return lax.stop_gradient(_largest((error.x, error.V_m)))
+    return lax.stop_gradient(_largest((error.x, error.scalars)))
 
 
 def excess(equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
@@ -39,7 +39,7 @@ def excess(equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
     def highest(f):
         return jnp.max(jnp.abs(f - fourier.low_pass(f, cut, axis=1)))
 
-    parts = lax.stop_gradient(((error.x, error.V_m), (y.x, y.V_m)))
+    parts = lax.stop_gradient(((error.x, error.scalars), (y.x, y.scalars)))
     pairs = zip(*map(jax.tree.leaves, parts), strict=True)
     return jnp.max(jnp.stack([highest(e) - _PART * highest(f) for e, f in pairs]))
 
@@ -63,7 +63,7 @@ def step_status(equation: Equation, frozen: Frozen, y: Unknowns, rough: float) -
     unresolved = _is_rough(equation, frozen.motion, y, rough)
     code = jnp.where((code == status.RUNNING) & unresolved, status.UNRESOLVED, code)
     # Crowded interactions make the step NaN: say why.
-    finite = jnp.isfinite(_largest((y.x, y.V_m))) | (code == status.CROWDED)
+    finite = jnp.isfinite(_largest((y.x, y.scalars))) | (code == status.CROWDED)
     return jnp.where(finite, code, status.NOT_FINITE)
 
 

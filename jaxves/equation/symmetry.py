@@ -8,7 +8,8 @@ that. Discretely both hold to round-off, but the neck of a bud under compression
     about the centre:  x(α + π) = -x(α),   V_m(α + π) = -V_m(α)
     in the axis a:     x(-α) = R x(α),     V_m(-α) = ±V_m(α),    R = 2 a aᵀ - 1,
 
-with x from the centre and a through the first node. V_m is linear in the field: + where a lies along it, - across it.
+with x from the centre and a through the first node. V_m, like every scalar, is linear in the field: + where a lies
+along it, - across it.
 """
 
 import equinox as eqx
@@ -31,12 +32,13 @@ class Symmetry(eqx.Module):
     about_center: Bool[Array, ""]
     in_axis: Bool[Array, ""]
     axis: Float[Array, "2"]
-    parity: Scalar  # of V_m in the axis
+    parity: Scalar  # of the scalars in the axis
 
     @classmethod
     def of(cls, scene: Scene) -> "Symmetry":
         """The symmetries of the start that field and flow share."""
-        x, V_m = lax.stop_gradient((scene.x[0], None if scene.V_m is None else scene.V_m[0]))
+        scalars = {} if scene.V_m is None else {"V_m": scene.V_m[0]}
+        x, scalars = lax.stop_gradient((scene.x[0], scalars))
         axis = (x[0] - jnp.mean(x, axis=0)) / _size(x)
         parity, shared = jnp.ones(()), jnp.array(scene.flow is None)
         if scene.field is not None:
@@ -46,7 +48,7 @@ class Symmetry(eqx.Module):
             shared = shared & (jnp.minimum(along, across) < _KEPT)
         all_ = cls(jnp.array(True), shared, axis, parity)
         in_axis, about_center = (
-            wanted & _is_small(_missing(image, x, V_m), _KEPT * _size(x)) for wanted, *image in all_._images()
+            wanted & _is_small(_missing(image, x, scalars), _KEPT * _size(x)) for wanted, *image in all_._images()
         )
         return cls(about_center, in_axis, axis, parity)
 
@@ -56,21 +58,22 @@ class Symmetry(eqx.Module):
         words = {"about its centre": self.about_center, "in its axis": self.in_axis}
         return " and ".join(word for word, kept in words.items() if kept)
 
-    def restored(self, x: NodePoints, V_m: Nodes | None) -> tuple[NodePoints, Nodes | None]:
-        """x and V_m with what the start had, where round-off broke it: their derivatives are untouched.
+    def restored(self, x: NodePoints, scalars: dict[str, Nodes]) -> tuple[NodePoints, dict[str, Nodes]]:
+        """x (N, 2) and scalars (N,) with the symmetries of the start, where round-off broke them.
 
-        What is further from symmetric than round-off can make it in a step was disturbed on purpose, and left alone.
+        Derivatives are untouched. What is further from symmetric than round-off can make it in a step was disturbed on
+        purpose, and is left alone.
         """
         size = _size(x)
         for wanted, *image in self._images():
-            lost = lax.stop_gradient(_missing(image, x, V_m))
+            lost = lax.stop_gradient(_missing(image, x, scalars))
             given_back = wanted & _is_small(lost, _LOST * size)
-            x, V_m = jax.tree.map(lambda f, d, keep=given_back: f + jnp.where(keep, d, 0.0), (x, V_m), lost)
-        return x, V_m
+            x, scalars = jax.tree.map(lambda f, d, keep=given_back: f + jnp.where(keep, d, 0.0), (x, scalars), lost)
+        return x, scalars
 
     def _images(self):
-        """For each symmetry whether it is wanted, and the symmetric parts of x and of V_m as functions."""
-        yield self.in_axis, lambda x: _in_axis(x, self.axis), lambda V_m: _mirrored(V_m, self.parity)
+        """For each symmetry whether it is wanted, and the symmetric parts of x and of a scalar as functions."""
+        yield self.in_axis, lambda x: _in_axis(x, self.axis), lambda scalar: _mirrored(scalar, self.parity)
         yield self.about_center, _about_center, _opposite
 
 
@@ -78,10 +81,10 @@ def _size(x: NodePoints) -> Scalar:
     return jnp.linalg.norm(x[0] - jnp.mean(x, axis=0))
 
 
-def _missing(image, x: NodePoints, V_m: Nodes | None) -> tuple[NodePoints, Nodes | None]:
-    """What x and V_m lack to be symmetric; `image` has the symmetric part of each."""
-    of_x, of_V_m = image
-    return of_x(x) - x, None if V_m is None else of_V_m(V_m) - V_m
+def _missing(image, x: NodePoints, scalars: dict[str, Nodes]) -> tuple[NodePoints, dict[str, Nodes]]:
+    """What x and the scalars lack to be symmetric; `image` has the symmetric part of each."""
+    of_x, of_scalar = image
+    return of_x(x) - x, jax.tree.map(lambda scalar: of_scalar(scalar) - scalar, scalars)
 
 
 def _is_small(parts, limit: Scalar) -> Bool[Array, ""]:

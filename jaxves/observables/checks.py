@@ -69,4 +69,4 @@ def _speed_of_shape(motion: Motion, y: Unknowns) -> Scalar:
     if y.V_m is None:
         return speed
     carried = jnp.sum(relative * curves.tangent, axis=-1) * motion.surfaces.d_ds(y.V_m)
-    return jnp.maximum(speed, jnp.max(jnp.abs(motion.V_rate - carried)))
+    return jnp.maximum(speed, jnp.max(jnp.abs(motion.rates["V_m"] - carried)))

@@ -119,7 +119,7 @@ def powers(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[st
         disturbance = disturbance - imposed
         out["power_flow"] = -jnp.sum(weights * motion.f_hd * imposed)
     if scene.field is not None:
-        out["power_electric"] = -jnp.sum(weights * motion.f_el * motion.velocity)
+        out["power_electric"] = -jnp.sum(weights * motion.electric.traction * motion.velocity)
     supplied = sum(out.values(), start=jnp.zeros(()))
     out["dissipation"] = jnp.sum(weights * motion.f_hd * disturbance)
     out["power_balance"] = energy_rate + out["dissipation"] - supplied
@@ -182,12 +182,11 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
 
     out = jax.vmap(shape)(curves, y.x, motion.velocity, motion.sigma, scene.bending, equation.speed)
     out |= jax.vmap(extremes.over_membrane)(curves, motion.sigma, scene.bending, y.V_m)
-    own = motion.f_hd if motion.f_el is None else motion.f_hd + motion.f_el
+    own = motion.f_hd if motion.electric is None else motion.f_hd + motion.electric.traction
     out |= jax.vmap(_balance)(curves, own, scene.bending)
     if scene.field is not None:
         field = scene.field
-        q = field.contrast()[:, None] * motion.w
-        out |= jax.vmap(_of_field)(curves, q, y.V_m, motion.f_el)
+        out |= jax.vmap(_of_field)(curves, motion.electric.charge, y.V_m, motion.electric.traction)
         direction = field.unit_direction()
         out["deformation_along_field"] = jax.vmap(geometry.deformation, in_axes=(0, None))(curves, direction)
         tail = jax.vmap(lambda V_m: fourier.spectral_tail(V_m, equation.filter.surface))(y.V_m)

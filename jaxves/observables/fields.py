@@ -63,7 +63,7 @@ def fields_at(equation: Equation, t: ScalarLike, y: Unknowns, points: Points) ->
 def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surroundings:
     scene = equation.scene
     motion = equation.motion(t, y)
-    q = None if scene.field is None else scene.field.contrast()[:, None] * motion.w
+    q = None if motion.electric is None else motion.electric.charge
     membranes = _Membrane(motion.surfaces.curves, motion.f_hd, q, y.V_m)
 
     M, P = y.x.shape[0], points.shape[0]

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..geometry.curve import Curve
-from .interactions import NEAR, is_near_curve
+from .interactions import is_near_curve
 
 _CANDIDATES = 3  # for every pair that there is room for: circles of slender vesicles overlap where these do not
 
@@ -25,27 +25,27 @@ class NearPairs(eqx.Module):
     overflow: Bool[Array, ""]
 
     @classmethod
-    def of(cls, curves: Curve, per_vesicle: int) -> "NearPairs":
-        """Room is for `per_vesicle` sources for each target on average."""
+    def of(cls, curves: Curve, per_vesicle: int, near: float) -> "NearPairs":
+        """The pairs closer than `near` node spacings; room is for `per_vesicle` sources for each target on average."""
         curves = jax.lax.stop_gradient(curves)
         M = curves.x.shape[0]
         candidates = min(_CANDIDATES * per_vesicle, M - 1)
         center = jnp.mean(curves.x, axis=1)
         radius = jnp.sqrt(jnp.max(jnp.sum((curves.x - center[:, None]) ** 2, axis=-1), axis=1))
-        reach = radius + (NEAR + 1) * jnp.max(curves.weights, axis=1)
+        reach = radius + (near + 1) * jnp.max(curves.weights, axis=1)
 
         def of_target(i):
             gap = jnp.sqrt(jnp.sum((center - center[i]) ** 2, axis=-1)) - radius[i] - reach
             gap = jnp.where(jnp.arange(M) == i, jnp.inf, gap)
             least, source = jax.lax.top_k(-gap, candidates)
             sources = jax.tree.map(lambda leaf: leaf[source], curves)
-            near = (least > 0) & jax.vmap(is_near_curve, in_axes=(0, None))(sources, curves.x[i])
-            return source, near, jnp.sum(gap < 0) > candidates
+            close = jax.vmap(lambda source: is_near_curve(source, curves.x[i], near))(sources)
+            return source, (least > 0) & close, jnp.sum(gap < 0) > candidates
 
-        source, near, too_many = jax.lax.map(of_target, jnp.arange(M))
+        source, close, too_many = jax.lax.map(of_target, jnp.arange(M))
         room = min(per_vesicle, M - 1) * M
-        target, place = jnp.nonzero(near, size=room, fill_value=0)
-        found = jnp.sum(near)
+        target, place = jnp.nonzero(close, size=room, fill_value=0)
+        found = jnp.sum(close)
         return cls(target, source[target, place], jnp.arange(room) < found, jnp.any(too_many) | (found > room))
 
     def sources_of(self, target: Int[Array, ""], M: int) -> Bool[Array, "M"]:

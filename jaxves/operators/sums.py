@@ -18,8 +18,9 @@ from ..numerics import fourier
 from ..numerics.arrays import VesicleNodes, VesiclePoints
 from ..potentials import far
 from ..potentials.self_stokes import StokesBlocks
-from .interactions import AbstractCoupling, AbstractInteractions, Pairwise, close_matrices, times
+from .interactions import NEAR, AbstractCoupling, AbstractInteractions
 from .near_pairs import NearPairs
+from .pairs import Pairwise, close_matrices, times
 
 _FEWEST = 16  # nodes of a rough sum
 _ON_ACCELERATOR = 32  # targets summed at once where many small kernels cost more than memory does
@@ -34,6 +35,7 @@ class MatrixFree(AbstractCoupling):
 
     neighbours: int = eqx.field(static=True, default=8)
     mesh: Mesh | None = eqx.field(static=True, default=None)
+    near: float = eqx.field(static=True, default=NEAR)
     direct = False
     together = False
 
@@ -53,7 +55,7 @@ class Summation(AbstractInteractions):
     @classmethod
     def of(cls, curves: Curve, coupling: MatrixFree, *, electric: bool) -> "Summation":
         """The M membranes in `curves`."""
-        near = NearPairs.of(curves, coupling.neighbours)
+        near = NearPairs.of(curves, coupling.neighbours, coupling.near)
 
         @jax.checkpoint
         def matrices(row):
@@ -71,6 +73,9 @@ class Summation(AbstractInteractions):
     @property
     def crowded(self) -> Bool[Array, ""]:
         return self.near.overflow
+
+    def any_near(self) -> Bool[Array, ""]:
+        return jnp.any(self.near.valid)
 
     def stokes(self, f: VesiclePoints) -> VesiclePoints:
         near = jax.vmap(StokesBlocks.__matmul__)(self.velocity, f[self.near.source])

@@ -15,7 +15,7 @@ from ..geometry import curve as geometry
 from ..geometry.curve import Curve
 from ..numerics import fourier
 from ..numerics.arrays import VesicleNodes, VesiclePoints
-from ..potentials.self_refined import self_kernels
+from ..potentials.self_refined import Refinement, self_kernels
 from ..potentials.self_stokes import StokesBlocks
 from .interactions import AbstractCoupling, AbstractInteractions
 
@@ -30,9 +30,16 @@ class Surfaces(eqx.Module):
     interactions: AbstractInteractions | None = None
 
     @classmethod
-    def of(cls, x: VesiclePoints, *, electric: bool, coupling: AbstractCoupling | None = None) -> "Surfaces":
+    def of(
+        cls,
+        x: VesiclePoints,
+        *,
+        electric: bool,
+        coupling: AbstractCoupling | None = None,
+        refinement: Refinement | None = None,
+    ) -> "Surfaces":
         """Geometry and kernels at nodes x; `electric` adds what only a field needs, `coupling` the interactions."""
-        curves, own = self_kernels(x, electric=electric)
+        curves, own = self_kernels(x, electric=electric, refinement=refinement)
         interactions = None
         if coupling is not None:
             with jax.named_scope("interactions"):

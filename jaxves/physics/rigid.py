@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from ..geometry.curve import Curve
 from ..numerics import fourier
-from ..numerics.arrays import NodePoints, Scalar
+from ..numerics.arrays import NodePoints, Nodes, Scalar
 
 
 def rigid_part(curve: Curve, velocity: NodePoints) -> NodePoints:
@@ -41,3 +41,11 @@ def nearest_circle(x: NodePoints, radius: Scalar) -> NodePoints:
     scale = radius / jnp.sqrt(real**2 + imaginary**2)
     turned = jnp.stack([real * cosine - imaginary * sine, real * sine + imaginary * cosine], axis=-1)
     return center + scale * turned
+
+
+def held(curve: Curve, sigma: Nodes, force: NodePoints, velocity: NodePoints) -> tuple[Nodes, NodePoints, NodePoints]:
+    """Tension, force and velocity of a circle, with the force that keeps its shape: the velocity is its rigid part."""
+    rigid = rigid_part(curve, velocity)
+    holding = holding_force(curve, rigid - velocity)
+    along = jnp.sum(holding * curve.tangent, axis=-1) * curve.speed
+    return sigma + fourier.antiderivative(along), force + holding, rigid

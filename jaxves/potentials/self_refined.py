@@ -27,7 +27,6 @@ from .chords import Chords
 from .self_stokes import StokesBlocks
 
 FAR = 4.0  # required distance in spacings of the fine grid
-FACTORS = (1, 2, 4, 8)
 RESOLVED = 0.25  # node spacings; at shorter distances the error of the finest grid exceeds e^{-4π} = 3e-6
 
 
@@ -63,8 +62,19 @@ class SelfKernels(eqx.Module):
         return jax.tree.map(coarser, cls.of(curve, Chords.of(curve), electric=electric))
 
 
-def level(curve: Curve) -> Int[Array, ""]:
-    """Returns the index into `FACTORS` that the least distance between two parts of the curve requires.
+class Refinement(eqx.Module):
+    """The grids from which one is chosen: the least factor is 1, the nodes as they are."""
+
+    factors: tuple[int, ...] = eqx.field(static=True, default=(1, 2, 4, 8))
+
+    def level(self, curve: Curve) -> Int[Array, ""]:
+        """Which of the `factors` the distance between parts of the curve requires, as an index."""
+        nearest2 = _nearest2(curve)
+        return sum((jnp.int32(nearest2 < (FAR / factor) ** 2) for factor in self.factors[:-1]), start=jnp.int32(0))
+
+
+def _nearest2(curve: Curve) -> Float[Array, ""]:
+    """Square of the least distance between parts of a curve, in node spacings.
 
     Two nodes belong to different parts if the membrane between them is at least twice as long as their chord.
     """
@@ -77,11 +87,17 @@ def level(curve: Curve) -> Int[Array, ""]:
     spacing2 = jnp.max(weights) ** 2
     nearest2 = jnp.min(jnp.where(apart, r2, jnp.inf)) / spacing2
     # Nodes can be offset by half a spacing along the curve, so their distance exceeds that of the two parts.
-    return sum(jnp.int32(nearest2 - 0.25 < (FAR / factor) ** 2) for factor in FACTORS[:-1])
+    return nearest2 - 0.25
 
 
-def self_kernels(x: VesiclePoints, *, electric: bool) -> tuple[Curve, SelfKernels]:
-    """Returns curves and kernels of all membranes. All use the refinement that the narrowest distance requires."""
+def self_kernels(
+    x: VesiclePoints, *, electric: bool, refinement: Refinement | None = None
+) -> tuple[Curve, SelfKernels]:
+    """Curves and kernels of all membranes, refined as the nearest parts of any of them require.
+
+    `refinement`: the grids to choose from; default 1, 2, 4 and 8 times as many nodes.
+    """
+    refinement = Refinement() if refinement is None else refinement
     curves = jax.vmap(Curve.from_nodes)(x)
 
     def plain(curves, x):
@@ -93,5 +109,5 @@ def self_kernels(x: VesiclePoints, *, electric: bool) -> tuple[Curve, SelfKernel
         kernels = jax.checkpoint(lambda x: SelfKernels.refined(x, factor, electric=electric))
         return lambda curves, x: jax.lax.map(kernels, x)
 
-    branches = [plain, *(finer(factor) for factor in FACTORS[1:])]
-    return curves, jax.lax.switch(greatest(jnp.max(jax.vmap(level)(curves))), branches, curves, x)
+    branches = [plain, *(finer(factor) for factor in refinement.factors[1:])]
+    return curves, jax.lax.switch(greatest(jnp.max(jax.vmap(refinement.level)(curves))), branches, curves, x)

@@ -16,6 +16,7 @@ import numpy as np
 from .hdf5 import datasets_below
 
 SLOTS = ("restart/a", "restart/b")
+_RENAMED = {"y/V_m": "y/scalars/V_m"}  # of files that were written before a state had several scalars
 
 
 def packed(leaves: dict[str, np.ndarray]) -> np.ndarray:
@@ -30,11 +31,13 @@ def packed(leaves: dict[str, np.ndarray]) -> np.ndarray:
 def leaves_in(slot: h5py.Group) -> dict[str, np.ndarray]:
     """The arrays of the state in a slot, by name; {} if it holds none."""
     if slot.file.attrs["schema_version"] == 1:
-        return {name: np.asarray(leaf[()]) for name, leaf in datasets_below(slot).items()}
-    if "state" not in slot:
+        found = {name: np.asarray(leaf[()]) for name, leaf in datasets_below(slot).items()}
+    elif "state" not in slot:
         return {}
-    with np.load(io.BytesIO(slot["state"][...].tobytes()), allow_pickle=False) as archive:
-        return dict(archive.items())
+    else:
+        with np.load(io.BytesIO(slot["state"][...].tobytes()), allow_pickle=False) as archive:
+            found = dict(archive.items())
+    return {_RENAMED.get(name, name): leaf for name, leaf in found.items()}
 
 
 def create_slot(file: h5py.File, name: str, state: np.ndarray) -> None:

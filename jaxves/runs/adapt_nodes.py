@@ -15,10 +15,12 @@ the old ones. They are projected, so that area, perimeter and equal spacing are 
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from ..base import status
-from ..equation.equation import Equation, Filter
+from ..equation.equation import Equation
+from ..equation.projection import Filter
 from ..equation.state import Unknowns
 from ..inputs.scene_tables import SceneFile
 from ..numerics import fourier
@@ -50,8 +52,8 @@ def _march(problem: Problem, state: State, t_save):
 @eqx.filter_jit
 def _resampled(equation: Equation, y: Unknowns) -> Unknowns:
     N = equation.scene.x.shape[1]
-    V_m = None if y.V_m is None else fourier.resample(y.V_m, N, axis=1)
-    return equation.settled(Unknowns(fourier.resample(y.x, N, axis=1), V_m, y.integrals))
+    scalars = jax.tree.map(lambda scalar: fourier.resample(scalar, N, axis=1), y.scalars)
+    return equation.settled(Unknowns(fourier.resample(y.x, N, axis=1), scalars, y.integrals))
 
 
 def finer_rows(f: np.ndarray, K: int) -> np.ndarray:

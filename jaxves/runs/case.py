@@ -18,7 +18,8 @@ from ..inputs.uses import Use, refuse_unused
 from ..numerics.arrays import ScalarLike, Status, as_float
 from ..numerics.linear import AbstractSolver, Dense
 from ..observables.checks import Checks
-from ..operators.interactions import AbstractCoupling, Pairwise
+from ..operators.interactions import AbstractCoupling
+from ..operators.pairs import Pairwise
 from ..operators.sums import MatrixFree, coupling_for
 from ..physics.scene import Scene
 from ..stepping import marching, schemes

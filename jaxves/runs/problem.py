@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base import status
-from ..equation.equation import Equation, Filter, equation_for
+from ..equation.equation import Equation, equation_for
+from ..equation.projection import Filter
 from ..equation.state import Unknowns
 from ..inputs.scene_files import parse
 from ..inputs.scene_tables import SceneFile
@@ -131,7 +132,7 @@ def reconstructed(record: run_store.Record, t: float) -> tuple[Equation, float, 
     V_m = None if record.V_m is None else jnp.asarray(record.V_m[row])
     solver, coupling = Case(scene_file).solved_by(scene)
     equation = _equation(scene, solver=solver, coupling=coupling)
-    return equation, float(record.t[row]), Unknowns(jnp.asarray(record.x[row]), V_m)
+    return equation, float(record.t[row]), Unknowns.of(jnp.asarray(record.x[row]), V_m)
 
 
 _equation = eqx.filter_jit(equation_for)

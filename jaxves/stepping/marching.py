@@ -13,7 +13,8 @@ from jaxtyping import Array, Float, Int
 from ..base import status
 from ..base.arguments import is_known, refusal, require, require_count
 from ..base.bounds import FINITE, POSITIVE
-from ..equation.equation import Equation, Filter, equation_for
+from ..equation.equation import Equation, equation_for
+from ..equation.projection import Filter
 from ..numerics.arrays import Status, as_float
 from ..numerics.linear import AbstractSolver
 from ..observables import certificate, diagnostics

@@ -1,0 +1,51 @@
+"""Linear systems that couple all membranes: one factorisation of everything, or GMRES."""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..numerics import krylov, linear
+from ..numerics.arrays import VesicleNodes
+from ..operators.interactions import AbstractInteractions
+
+_COUPLED = 1e-11  # true relative residual of the systems that couple membranes
+
+
+def solve_coupled(
+    blocks: linear.AbstractFactoredDense,
+    respond: Callable[[AbstractInteractions, VesicleNodes], VesicleNodes],
+    across: AbstractInteractions,
+    b: VesicleNodes,
+) -> linear.Solution:
+    """Solves (B + C) x = b by GMRES: B the factorised `blocks` of the membranes, C x = respond(across, x).
+
+    The blocks are the preconditioner; where the interactions have a cheaper form, Chebyshev steps with it follow.
+    """
+    M, N = b.shape
+    rough = across.roughly()
+
+    def action(v):
+        v = v.reshape(M, N)
+        return (jnp.einsum("mij,mj->mi", blocks.operator.matrix, v) + respond(across, v)).reshape(-1)
+
+    def own(v):
+        return linear.solve_blocks(blocks, v)
+
+    def precondition(v):
+        v = v.reshape(M, N)
+        if rough is None:
+            return own(v).reshape(-1)
+        return krylov.chebyshev(lambda x: own(v - respond(rough, x)), own(v)).reshape(-1)
+
+    operator = linear.LinearOperator(action=action, precondition=precondition)
+    return linear.GMRES(_COUPLED).factor(operator).solve(b.reshape(-1)).reshaped(M, N)
+
+
+def assembled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"]) -> linear.AbstractFactoredDense:
+    """The factorised matrix of all membranes: `blocks` on its diagonal, `coupled` off it."""
+    M, N, _ = blocks.shape
+    m = np.arange(M)
+    whole = coupled.reshape(M, N, M, N).at[m, :, m, :].set(blocks).reshape(M * N, M * N)
+    return linear.Dense().factor(linear.LinearOperator(whole))

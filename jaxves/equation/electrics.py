@@ -1,0 +1,162 @@
+r"""What a field does to the membranes: the rates of the scalars that it charges, and the Maxwell traction.
+
+`AbstractElectrics` is what the equation of motion asks for. `MembraneCharging` is the model of the paper: a capacitive
+membrane between two leaky dielectrics (`physics.electric` has the formulas), with V_m as the one scalar.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..geometry.curve import Curve
+from ..numerics import fourier, linear
+from ..numerics.arrays import Scalar, VesicleNodes, VesiclePoints
+from ..operators.interactions import pair_frames
+from ..operators.surfaces import Surfaces
+from ..physics import electric
+from ..physics.electric import Field, SurfaceFields
+from ..physics.scene import Scene
+from .coupled import assembled, solve_coupled
+
+
+class AbstractElectric(eqx.Module):
+    """What is known of the field at one instant.
+
+    `traction`: force of the field on the membranes per arc length, (M, N, 2). `charge`: the jump q of the normal field,
+    (M, N). `fields`: on both sides of the membranes.
+    """
+
+    traction: eqx.AbstractVar[VesiclePoints]
+    charge: eqx.AbstractVar[VesicleNodes]
+    fields: eqx.AbstractVar[SurfaceFields]
+
+
+class AbstractElectrics(eqx.Module):
+    """How a field charges the membranes, and how it pulls at them."""
+
+    @abc.abstractmethod
+    def start(self, scene: Scene) -> dict[str, VesicleNodes]:
+        """The scalars at the start, (M, N) each."""
+
+    @abc.abstractmethod
+    def solve(
+        self, t: Scalar, surfaces: Surfaces, scalars: dict[str, VesicleNodes], *, direct: bool, factored: bool
+    ) -> tuple[AbstractElectric, linear.Solution, linear.AbstractFactored]:
+        """The field at one instant, the linear solution behind it, and the factors that `linear_part` needs.
+
+        `direct`: systems that couple membranes are solved by factors. `factored`: `linear_part` will be called.
+        """
+
+    @abc.abstractmethod
+    def rates(
+        self, found: AbstractElectric, scalars: dict[str, VesicleNodes], velocity: VesiclePoints
+    ) -> dict[str, VesicleNodes]:
+        """Time derivatives of the scalars at material points, once the velocity of the nodes is known."""
+
+    @abc.abstractmethod
+    def linear_part(self, surfaces: Surfaces, factors: linear.AbstractFactored) -> Float[Array, "M n n"]:
+        """The implicit part of `rates` of every membrane by itself, for all its scalars in the order of their names."""
+
+
+class MembraneElectric(AbstractElectric):
+    """The field about capacitive membranes; `w` (M, N) is the unknown of its integral equation, q = η w."""
+
+    w: VesicleNodes
+    charge: VesicleNodes
+    traction: VesiclePoints
+    fields: SurfaceFields
+
+
+class MembraneCharging(AbstractElectrics):
+    """χ dV_m/dt + G V_m = Λ/(1+Λ) w, with the charge in the fluids in equilibrium at every instant.
+
+    `solver` is of one membrane's charge where its factors are not needed; `cut` modes are removed from rates.
+    """
+
+    field: Field
+    solver: linear.AbstractSolver
+    cut: int = eqx.field(static=True)
+
+    def start(self, scene: Scene) -> dict[str, VesicleNodes]:
+        return {"V_m": jnp.zeros(scene.x.shape[:2]) if scene.V_m is None else scene.V_m}
+
+    def solve(self, t, surfaces, scalars, *, direct, factored):
+        V_m = scalars["V_m"]
+        solution, factors = self._charge(t, surfaces, V_m, direct, factored)
+        w = solution.value
+        charge = self.field.contrast()[:, None] * w
+        fields = self._fields(t, surfaces, V_m, w, charge)
+        traction = jax.vmap(electric.maxwell_traction)(surfaces.curves, fields, self.field.permittivity_ratio)
+        return MembraneElectric(w, charge, self.field.stress_scale() * traction, fields), solution, factors
+
+    def rates(self, found, scalars, velocity):
+        return {"V_m": fourier.low_pass(self.field.charging_rate(scalars["V_m"], found.w), self.cut)}
+
+    def linear_part(self, surfaces, factors):
+        field = self.field
+
+        def of_one(curve, laplace_slp, factors, share, conductance, chi):
+            return _charging_matrix(curve, laplace_slp, factors, share, conductance, chi, self.cut)
+
+        return jax.vmap(of_one)(
+            surfaces.curves,
+            surfaces.laplace_slp,
+            factors,
+            electric.inner_share(field.conductivity_ratio),
+            field.membrane_conductance,
+            field.membrane_chi,
+        )
+
+    def _charge(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, direct: bool, factored: bool):
+        field = self.field
+        curves = surfaces.curves
+        mean = 1.0 / jnp.sum(curves.speed, axis=1, keepdims=True)
+        kernel = surfaces.laplace_slp_dn * field.contrast()[:, None, None] + mean[:, None]
+        matrices = 0.5 * np.eye(V_m.shape[1]) + kernel * curves.speed[:, None, :]
+        flux = curves.normal @ field.E_inf(t) + surfaces.dlp_dn(V_m)
+        across = surfaces.interactions
+        # The implicit part and GMRES need the factors themselves; a lone solve may be iterative.
+        solver = self.solver if across is None and not factored else linear.Dense()
+        charge = jax.vmap(lambda matrix: solver.factor(linear.LinearOperator(matrix)))(matrices)
+        if across is None:
+            return jax.vmap(lambda charge, b: charge.solve(b))(charge, flux), charge
+        if not direct:
+
+            def respond(across, w):
+                return jnp.sum(curves.normal * across.slp_gradient(field.contrast()[:, None] * w), axis=-1)
+
+            return solve_coupled(charge, respond, across, flux), charge
+        pairs = across.matrices()
+        target, _ = pair_frames(curves)
+        normal = jnp.moveaxis(target.normal, -1, 1)[..., None]
+        eta = jnp.repeat(field.contrast(), V_m.shape[1])
+        coupled = pairs.scattered(jnp.sum(normal * pairs.gradient, axis=1)) * eta
+        return assembled(matrices, coupled).solve(flux.reshape(-1)).reshaped(*flux.shape), charge
+
+    def _fields(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, w: VesicleNodes, charge: VesicleNodes):
+        slope = surfaces.potential_slope(charge, V_m)
+        return jax.vmap(electric.surface_fields, in_axes=(0, None, 0, 0, 0, 0))(
+            surfaces.curves, self.field.E_inf(t), self.field.conductivity_ratio, w, V_m, slope
+        )
+
+
+def _charging_matrix(
+    curve: Curve,
+    laplace_slp: Float[Array, "N N"],
+    charge: linear.AbstractFactoredDense,
+    share: Scalar,
+    conductance: Scalar,
+    chi: Scalar,
+    cut: int,
+) -> Float[Array, "N N"]:
+    """(Λ/(1+Λ) (½ + S'η)⁻¹ D' - G)/χ of one membrane, Λ/(1+Λ) the inner `share`; `charge` solves with ½ + S'η."""
+    D = fourier.derivative_matrix(curve.speed.shape[0])
+    low_pass = fourier.low_pass_matrix(curve.speed.shape[0], cut)
+    # D · kernel · D over |x_α|, low-passed on the right by its constant factor
+    dlp_dn = (D @ (laplace_slp @ (D @ low_pass))) / curve.speed[:, None]
+    response = fourier.low_pass_rows(share * charge.solve_columns(dlp_dn), cut)
+    return (response - conductance * low_pass) / chi
