@@ -1,11 +1,11 @@
-"""Which experiments are there, do they all run, and what do they take?
+"""Lists and runs the experiments.
 
-    python -m experiments                      # the questions, with minutes
-    python -m experiments --quick [NAMES]      # every `run` at toy size, side by side on all cores
-    python -m experiments --all [NAMES]        # every `main`, one after the other: tables, figures, stored numbers
+    python -m experiments                      # lists the questions, with minutes
+    python -m experiments --quick [NAMES]      # runs each `run` at toy size, several at a time
+    python -m experiments --all [NAMES]        # runs each `main`, one after the other: tables, figures, stored numbers
 
-Experiments are the modules beside this file whose names begin with a letter: their questions are the first lines of
-their docstrings, their minutes stand in README.md, and `QUICK`, where they have it, holds the arguments of a toy run.
+Experiments are the modules in this folder whose names begin with a letter. The question is the first line of the
+docstring. The minutes are in README.md. `QUICK` in a module has the arguments of a toy run.
 """
 
 import ast

@@ -1,6 +1,7 @@
-"""What experiments share: scenes, marching with one compiled program, interleaved timing, storing with provenance.
+"""Functions that several experiments use: scenes, compiled time stepping, timing in turns, stored numbers.
 
-Importing this limits BLAS to one thread: small LAPACK calls, which JAX takes from SciPy, are slower on two.
+Importing this module limits BLAS to one thread, because small LAPACK calls, which JAX takes from SciPy, are slower on
+two.
 """
 
 import json

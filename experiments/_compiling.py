@@ -1,4 +1,4 @@
-"""How to compile what runs once: toys and tests spend most of their time there."""
+"""Compiler options for programs that run once: toy runs and tests spend most of their time compiling."""
 
 from importlib.metadata import version
 

@@ -1,10 +1,10 @@
-"""How far apart are two solutions, whatever their nodes? For experiments that compare runs.
+"""The difference between two solutions that may have different nodes, for experiments that compare runs.
 
-    shape    max over the nodes of either of the distance to the other's trigonometric interpolant
-    V_m, λ   max over the nodes of the first of the difference to the second at the nearest point
+    shape    largest distance of a node of either solution to the other's trigonometric interpolant
+    V_m, λ   largest difference between a node of the first solution and the nearest point of the second
 
-Nearest points are found by Newton's method to round-off, so that only the parts normal to the membrane count.
-Membranes are fluid: where on it a node lies is no physics.
+Nearest points are found by Newton's method to round-off, so only differences normal to the membrane count. The
+position of a node along the membrane has no physical meaning, because membranes are fluid.
 """
 
 import jax

@@ -1,4 +1,4 @@
-"""What experiments with two vesicles share: the scene of the paper's pairs, and its history."""
+"""The scene of the paper's pairs and their time series, for experiments with two vesicles."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,8 @@
-r"""The paper's first-order scheme for one vesicle in a field, written plainly in NumPy.
+"""The paper's first-order scheme for one vesicle in a field, in plain NumPy.
 
-This is what `beside_others` measures jaxves against: dense matrices of Kress's rule, formed anew in every step, and one
-direct solve for positions and tension together. It uses nothing of jaxves. Symbols, units and signs are the README's.
+`beside_others` compares jaxves with this code. It has dense matrices of Kress's rule, formed again in every step, and
+one direct solve for positions and tension together. It uses nothing of jaxves. Symbols, units and signs are those of
+the README.
 
     x₊ = x + h (S[-x₊,ssss + (σ x_s)_s - f_el] + v_∞),     x_s · (S[…])_s = 0
     χ (½ + ηS′)(V₊ - V) + h G (½ + ηS′) V₊ = h Λ/(1+Λ) (E·n + D′V₊)

@@ -1,8 +1,8 @@
-"""Running experiments by name, each in a process of its own: at toy size side by side, in full one after the other.
+"""Runs experiments by name, each in its own process: at toy size several at a time, in full one after the other.
 
-    python -m experiments._running NAME          # one at toy size: what the parent process calls
+    python -m experiments._running NAME          # runs one at toy size; the parent process calls this
 
-A crash, or memory that is not given back, then stays with the one experiment.
+A crash, or memory that is not freed, then affects only that experiment.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Time-stepping schemes that experiments compare with: baselines of order 2 and 3, and evenly spaced steps.
+"""Time-stepping schemes for comparison: schemes of order 2 and 3, and evenly spaced steps.
 
 [GKC] F. X. Giraldo, J. F. Kelly, E. M. Constantinescu, Implicit-explicit formulations of a three-dimensional
       nonhydrostatic unified model of the atmosphere, SIAM J. Sci. Comput. 35 (2013) B1162-B1194: ARK2(1)3L.

@@ -1,6 +1,6 @@
-"""What experiments by sweep share: where their files are, and devices enough.
+"""Folders and devices for experiments that use sweeps.
 
-Imported before JAX starts: one device for each core.
+Import this module before JAX starts: it makes one device for each core.
 """
 
 import os

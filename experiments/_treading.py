@@ -1,11 +1,11 @@
-"""Tank-treading at rest: the steady shape of one vesicle in shear and a field, and whether it is stable.
+"""Steady tank-treading: the steady shape of one vesicle in shear and a field, and its linear stability.
 
-Seen from nodes that do not go round, at the speed c of the treading, a steady state y stands still, up to a drift:
+For nodes that do not move along the outline, with the treading speed c, a steady state y satisfies
 
     G(y) = F(y) - mean velocity - c ∂_α y = 0
 
-and what disturbs it grows with the eigenvalues of ∂G/∂y. Turning round the outline, shifts and stretching of the nodes
-have eigenvalues on the imaginary axis, so that a stable state has zero as the largest real part.
+Disturbances grow with the eigenvalues of ∂G/∂y. Motion along the outline, translations and stretching of the nodes
+have eigenvalues on the imaginary axis. The largest real part of a stable state is therefore zero.
 """
 
 from typing import NamedTuple

@@ -1,16 +1,16 @@
-"""What becomes of a budded vesicle: does it turn prolate again, how surely, and what would a disturbance have done?
+"""Does a budded vesicle become prolate again, how accurate is its motion, and what does a disturbance change?
 
     python -m experiments.after_budding          # a table and a figure, about seven minutes
 
-Δ = 0.5, Λ = 0.1, G = 0, from an ellipse along the field, at the three fields for which Wu & Veerapaneni give the time
-of the narrowest neck, and on to t = 1 with 128 nodes and tolerance 1e-5; checked with 192 nodes and a tenth of the
-tolerance. The scene is symmetric under reflection in both axes, and its solution is kept so; another run starts 1e-8
-away from that.
+Δ = 0.5, Λ = 0.1, G = 0. The vesicle starts as an ellipse along the field. The three fields are those for which Wu &
+Veerapaneni give the time of the narrowest neck. Runs go to t = 1 with 128 nodes and tolerance 1e-5. They are compared
+with 192 nodes and a tenth of the tolerance. The scene is symmetric under reflection in both axes, and the solution is
+kept symmetric. Another run starts 1e-8 away from symmetry.
 
-What to expect: prolate again at t = 1 at all three fields, area and perimeter kept to 1e-6 up to the narrowest neck.
-Necks under compression amplify what breaks the symmetry, by 1e5 and more, so a real bud would open on one side or
-shear. The symmetric solution itself is right to 1e-4 and 1e-3 at β = 9.6 and 12.8 throughout, and at β = 16 to its
-narrowest neck and again at the end.
+What to expect: prolate again at t = 1 at all three fields. Area and perimeter are kept to 1e-6 up to the narrowest
+neck. The neck amplifies deviations from symmetry by 1e5 and more, so a real bud would open on one side or shear. The
+symmetric solution is right to 1e-4 and 1e-3 at β = 9.6 and 12.8 throughout. At β = 16 it is right up to the narrowest
+neck and again at the end.
 """
 
 import equinox as eqx

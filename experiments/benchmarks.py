@@ -1,13 +1,14 @@
-"""Which numbers can another code be checked against, to how many digits, and what does their accuracy cost here?
+"""Which numbers can another code be compared with, to how many digits, and what does this accuracy cost?
 
     python -m experiments.benchmarks          # writes benchmarks/*.csv and benchmarks.h5, prints the table, six minutes
 
-Six scenes with everything that defines them in their headers; histories of quantities that do not depend on where
-nodes lie (integrals over the membrane). Each is computed twice, with different nodes, tolerances and methods; the
-digits stated are those in which the two agree at every saved time, relative to the largest value of the column.
+Six scenes are defined completely in the headers of their files. The data are time series of integrals over the
+membrane, which do not depend on the positions of the nodes. Each scene is computed twice, with different nodes,
+tolerances and methods. The stated digits are those in which the two agree at every saved time, relative to the largest
+value of the column.
 
-What to expect: eight digits and more in shear, POP and relaxation, seven for the pair, which amplifies what differs,
-and four or five for the bud, whose elliptic start has modes that no affordable number of nodes resolves.
+What to expect: eight digits and more in shear, POP and relaxation. Seven for the pair, which amplifies differences.
+Four or five for the bud, because its elliptic start has modes that would need many more nodes.
 """
 
 import csv

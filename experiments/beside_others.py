@@ -3,22 +3,23 @@
     python -m experiments.beside_others                           # a table, about two minutes
     python -m experiments.beside_others --elecvesicle FOLDER      # with a clone of ElecVesicle too; needs Octave
 
-One vesicle in a field (POP: Δ = 0.9, β = 3.2, Λ = 0.1, G = 0), one thread, one core, one run. The codes take turns,
-so that other work on the machine slows all of them alike; given are medians of the seconds of a step.
+The scene is one vesicle in a field (POP: Δ = 0.9, β = 3.2, Λ = 0.1, G = 0), with one thread on one core. The codes
+take turns, so that other work on the machine slows all of them equally. Results are medians of the seconds per step.
 
-- `_plain`: the paper's first-order scheme, written plainly in NumPy for this purpose. Its velocity is compared with
-  that of jaxves for the same nodes and V_m, so that both are known to compute the same.
-- ElecVesicle, the public code of the paper's authors (https://github.com/bobbielf2/ElecVesicle, GPL), with first-order
-  steps, under Octave, which compiles nothing; MATLAB, for which it was written, is not measured. Drawing and writing
-  of files are switched off in a temporary copy, its tolerance for GMRES is the 1e-13 that it comes with.
-- jaxves with a step of its own first-order scheme, and with the fourth-order step that is its default.
+- `_plain` is the paper's first-order scheme in plain NumPy, written for this comparison. Its velocity is compared with
+  that of jaxves for the same nodes and V_m, which shows that both compute the same.
+- ElecVesicle is the public code of the paper's authors (https://github.com/bobbielf2/ElecVesicle, GPL), with
+  first-order steps. It was written for MATLAB, which is not measured. It runs in Octave, which has no compiler.
+  Drawing and writing of files are switched off in a temporary copy. Its tolerance for GMRES is the 1e-13 of its
+  source.
+- jaxves is measured with its first-order scheme and with its default fourth-order step.
 
-Every code also makes 40 steps of 1e-3 from the start; given is how far its deformation is from a run of jaxves with
-tolerance 1e-8 and as many nodes.
+Every code also makes 40 steps of 1e-3 from the start. Its deformation is compared with a run of jaxves with tolerance
+1e-8 and the same number of nodes.
 
-What to expect: the velocities agree to 1e-6 with 64 nodes and 1e-9 with 128 and 256. A first-order step of jaxves takes
-0.6 to 0.9 of the time of plain NumPy, a fourth-order step 1.3 to 1.8 times that time. With the same step the
-first-order schemes are off by 2e-4 to 8e-4, the fourth-order one by 2e-10.
+What to expect: the velocities agree to 1e-6 with 64 nodes and 1e-9 with 128 and 256. A first-order step of jaxves
+takes 0.6 to 0.9 of the time of plain NumPy, a fourth-order step 1.3 to 1.8 times that time. With the same step the
+errors of the first-order schemes are 2e-4 to 8e-4, and that of the fourth-order scheme is 2e-10.
 """
 
 import os

@@ -2,13 +2,13 @@
 
     python -m experiments.broken_symmetry          # a table and a figure, five minutes
 
-An ellipse along the field has a solution that stays symmetric about its centre and in both axes, and jaxves keeps it
-so. Whether a real vesicle follows it is another question: here the same cases start with outlines moved by 1e-6 a and
-1e-3 a, over β and G at Λ = 0.1 for Δ = 0.9, 0.8, 0.6, to t = 6 at most, 96 nodes.
+The solution from an ellipse along the field is symmetric about its centre and in both axes, and jaxves keeps it so. A
+real vesicle need not follow it. Here the same cases start with outlines moved by 1e-6 a and 1e-3 a, over β and G at Λ
+= 0.1 for Δ = 0.9, 0.8, 0.6, to t = 6 at most, with 96 nodes.
 
-What to expect: no change where G is far from the boundary of O and POP. At it, and at Δ = 0.6 in strong fields
-everywhere, the symmetric oblate shape across the field is unstable: at G = 0.2 a disturbed vesicle rolls over and ends
-prolate, at Δ = 0.6 it may go on to roll and fold until the nodes no longer resolve it.
+What to expect: no change if G is far from the boundary of O and POP. At the boundary, and at Δ = 0.6 in all strong
+fields, the symmetric oblate shape across the field is unstable. At G = 0.2 a disturbed vesicle rolls over and ends
+prolate. At Δ = 0.6 it may continue to roll and fold until the nodes no longer resolve it.
 """
 
 import numpy as np

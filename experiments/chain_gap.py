@@ -1,15 +1,16 @@
-"""Does the gap in a chain close exponentially in time, as the paper says, or like a power of it?
+"""Does the gap in a chain decrease exponentially in time, as the paper says, or like a power of it?
 
     python -m experiments.chain_gap                # half an hour: table, figures/chain_gap.png, data/chain_gap.json
     python -m experiments.chain_gap 96 128         # with these nodes only, minutes
 
-Λ = 0.1, G = 0, Δ = 0.9, β = 3.2; tolerance 1e-6: with 128 nodes the gap at t = 4 is 0.0568 at 1e-4 and 0.0470 at 1e-5,
-and noise in the tension, proportional to the tolerance, ends both as unresolved at t = 4.25 and 4.1. Each run goes on
-to t = 10 or until its film is unresolved. Two laws are fitted to the finest of them from where the gap is 0.06 on:
-d = d₀ e^{-rt} and d = d₀ (t - t₀)^{-p}, least squares in log d; the error of r and p is the spread of fits to the two
-halves. The same chain by the trapezoidal rule alone, its film not watched, shows what close evaluation is for.
+Λ = 0.1, G = 0, Δ = 0.9, β = 3.2, tolerance 1e-6. With 128 nodes the gap at t = 4 is 0.0568 at tolerance 1e-4 and
+0.0470 at 1e-5. Noise in the tension, proportional to the tolerance, ends these two runs as unresolved at t = 4.25 and
+4.1. Each run continues to t = 10 or until its film is unresolved. Two laws are fitted to the run with the most nodes,
+from a gap of 0.06 on: d = d₀ e^{-rt} and d = d₀ (t - t₀)^{-p}, by least squares in log d. The error of r and p is the
+difference between fits to the two halves. The same chain with the trapezoidal rule, without the check of the film,
+shows the effect of close evaluation.
 
-What to expect: neither law is exact; the local rate -d'/d says which is closer.
+What to expect: neither law is exact. The local rate -d'/d shows which one is closer.
 """
 
 import dataclasses

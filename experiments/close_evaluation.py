@@ -1,12 +1,12 @@
-"""How accurate are layer potentials at targets that all but touch the curve, and what do they cost?
+"""How accurate are layer potentials at targets that nearly touch the curve, and what do they cost?
 
     python -m experiments.close_evaluation          # tables and a figure, about a minute
 
-What to expect: with the density resolved, 12 to 15 digits in values and 10 to 13 in gradients at every
-distance and on both sides, where the trapezoidal rule keeps one or two. On the star at distance 1e-3 the two
-Green identities reach round-off at 150 and 200 nodes; S of a given density needs more, because the nodes must
-resolve its product with |Z'|, which no number of terms represents exactly. A Stokes matrix for 256 nodes and 256
-targets costs about as much as the LU factorisation of 512 unknowns, a single density a third of it.
+What to expect: if the density is resolved, 12 to 15 digits in values and 10 to 13 in gradients, at every distance and
+on both sides. The trapezoidal rule has one or two. On the star at distance 1e-3 the two Green identities reach
+round-off at 150 and 200 nodes. S of a given density needs more nodes, because they must resolve its product with |Z'|,
+which has infinitely many modes. A Stokes matrix for 256 nodes and 256 targets costs about as much as the LU
+factorisation of 512 unknowns. A single density costs a third of it.
 """
 
 import statistics

@@ -1,20 +1,21 @@
-"""How long does a given accuracy take, by scheme, and does the tolerance mean anything?
+"""How long does a given accuracy take with each scheme, and is the error proportional to the tolerance?
 
     python -m experiments.convergence          # table and figure, one to two hours
     python -m experiments.convergence POP      # this scene again; the stored numbers of the others stay
 
-Four scenes: prolate to oblate and back (POP), a budding vesicle through its narrowest neck, tank-treading in a field,
-and a pair. Error is the largest over the saved instants of the distance between the outlines, whatever their nodes,
-of V_m, and of the tension relative to its largest (`_distance`); the reference is a fifth-order solution with more
-nodes and a tolerance at least ten times tighter. Runs are warm, take turns and use one BLAS thread; "seconds" are the
-median of the processor's time, which other work on the machine disturbs less than the clock on the wall, "wall".
+Four scenes are computed: prolate to oblate and back (POP), a budding vesicle up to its narrowest neck, tank-treading
+in a field, and a pair. The error is the largest over the saved times of the distance between the outlines, of the
+difference in V_m, and of that in the tension relative to its largest value (`_distance`). The reference is a
+fifth-order solution with more nodes and a tolerance that is at least ten times smaller. Runs are timed after
+compilation, in turns, with one BLAS thread. "seconds" are the median of the processor time, which other work on the
+machine disturbs less than the elapsed time, "wall".
 
-"Euler" is the first-order scheme with a fixed step and nothing corrected, as in the paper; the others control their
-step and project. ARK2 and ARK3 are baselines that the package itself does not have (`_schemes`).
+"Euler" is the first-order scheme of the paper, with a fixed step and without projection. The others control their step
+and project. ARK2 and ARK3 are for comparison only and not part of the package (`_schemes`).
 
-What to expect: each digit costs a factor of 10 (Euler), 3.2, 2.2, 1.8, 1.6 (orders 2 to 5) until the nodes limit it,
-and errors in proportion to the tolerance. What a scene makes of a disturbance of its start is its amplification: no
-tolerance per step can bound the error of the run closer than that.
+What to expect: each digit costs a factor of 10 (Euler), 3.2, 2.2, 1.8, 1.6 (orders 2 to 5) until the nodes limit the
+error. Errors are proportional to the tolerance. The flow amplifies a disturbance of the start by a certain factor; the
+error of the run cannot be bounded more closely than this factor allows.
 """
 
 import itertools

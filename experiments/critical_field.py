@@ -1,15 +1,15 @@
-"""At which field does a vesicle stop staying prolate, and how does that depend on everything else?
+"""At which field does a vesicle leave class P, and how does this field depend on all other numbers?
 
     python -m experiments.critical_field          # tables and a figure, about forty minutes
 
-Λ = 0.1, χ = 0.08, a vesicle along the field. β₀ at G = 0 for Δ = 0.9, 0.8, 0.6, starting from an ellipse and from the
-shape at rest, with its discretisation error and its derivatives; then β₀(Δ) and β₀(G). The paper's 1.9, 2.6, 5.1 are
-read off its phase diagram.
+Λ = 0.1, χ = 0.08, a vesicle along the field. β₀ is computed at G = 0 for Δ = 0.9, 0.8, 0.6, from an ellipse and from
+the shape at rest, with its discretisation error and its derivatives. Then follow β₀(Δ) and β₀(G). The paper's values
+1.9, 2.6, 5.1 were read off its phase diagram.
 
-What to expect: derivatives -(∂_p Q)/(∂_β Q) that agree for all quantities Q once the vesicle has lingered, because
-then all small changes lie along the one unstable direction. At G = 0 the least deformation is steep at β₀, not
-discontinuous: the field that holds the vesicle at the saddle fades as the membrane charges. Slopes of the curves
-themselves are drawn as tangents from the derivatives.
+What to expect: the derivatives -(∂_p Q)/(∂_β Q) agree for all quantities Q at late times, because all small changes
+then lie along the one unstable direction. At G = 0 the least deformation is steep at β₀ but continuous, because the
+field that holds the vesicle at the saddle decays as the membrane charges. The derivatives are drawn as tangents of the
+curves.
 """
 
 import numpy as np

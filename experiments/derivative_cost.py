@@ -2,14 +2,15 @@
 
     python -m experiments.derivative_cost          # table and a figure
 
-A vesicle in a field, N = 64, differentiated with respect to β, Λ, G, χ and the permittivity ratio: along one direction
-(jvp) and with respect to all of them (grad), in units of the run itself. Calls take turns; the least CPU time of each
-counts, all threads together, which a busy machine disturbs least. Memory is counted twice: what the compiled program
-allocates, and by how much one call makes a process grow that has compiled it and does nothing else (Linux).
+A vesicle in a field, N = 64, is differentiated with respect to β, Λ, G, χ and the permittivity ratio: along one
+direction (jvp) and with respect to all of them (grad). Times are relative to the run itself. Calls take turns. The
+least CPU time of each is used, all threads together, because a busy machine disturbs it least. Memory is measured
+twice: as what the compiled program allocates, and as the growth of a process during one call after compilation
+(Linux).
 
-What to expect: less than 2 for a direction, 2.8 where steps are recorded for reverse mode, below 4 for the gradient,
-whatever the number of steps; memory grows by the states alone. `jaxves.sensitivity` and `jaxves.fit` record nothing
-where they go forwards.
+What to expect: less than 2 for a direction, 2.8 if steps are recorded for reverse mode, below 4 for the gradient, for
+any number of steps. Memory grows only by the stored states. `jaxves.jacobian` and `jaxves.fit` do not record steps in
+forward mode.
 """
 
 import json

@@ -2,12 +2,13 @@
 
     python -m experiments.film          # two minutes: table, figures/film.png, data/film.json
 
-Shapes and potentials of a draining chain (Λ = 0.1, G = 0), saved at 64 nodes as the gap falls; each is interpolated
-to 48 … 256 nodes, and the rate at which the gap changes compared with that of 256.
+Shapes and potentials of a draining chain (Λ = 0.1, G = 0) are saved with 64 nodes while the gap decreases. Each is
+interpolated to 48 to 256 nodes, and the rate of change of the gap is compared with that for 256.
 
-What to expect: the error follows τ/(2d)² over seven orders of magnitude, τ the top of the tension's spectrum over its
-largest mode, d the gap: the diagnostic `film_error`, and beyond 0.1 the status `unresolved`. The ratio of gap and node
-spacing alone tells less: at a gap of one spacing the error is 7e-2, 2e-3, 3e-4 with 64, 96, 128 nodes.
+What to expect: the error follows τ/(2d)² over seven orders of magnitude. τ is the top of the spectrum of the tension
+divided by its largest mode, and d is the gap. This is the diagnostic `film_error`; above 0.1 the status is
+`unresolved`. The ratio of gap and node spacing alone is a worse measure: at a gap of one spacing the error is 7e-2,
+2e-3, 3e-4 with 64, 96, 128 nodes.
 """
 
 import equinox as eqx

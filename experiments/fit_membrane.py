@@ -1,14 +1,15 @@
-"""Can β, Λ, G and χ be told from how a vesicle deforms and charges, with one per cent of noise?
+"""Can β, Λ, G and χ be found from the deformation and the charging of a vesicle, with one per cent of noise?
 
     python -m experiments.fit_membrane          # a table and a figure, four minutes
 
-A vesicle of Δ = 0.9 along a field. Its deformation and its largest transmembrane potential (which dyes show) are seen
-at 64 instants, with noise of one per cent of the largest value of each; the trajectories are made with twice the nodes
-and a tenth of the tolerance of the model that is fitted. Twenty noises, twenty fits of all four numbers, each from a
-start that is three times off in every number, up or down at random.
+A vesicle of Δ = 0.9 lies along a field. Its deformation and its largest transmembrane potential (which dyes make
+visible) are observed at 64 times, with noise of one per cent of the largest value of each. The trajectories are made
+with twice the nodes and a tenth of the tolerance of the model. There are twenty samples of the noise and twenty fits
+of all four numbers. Each fit starts three times too high or too low in every number, at random.
 
-What to expect: each number in its 95 % interval in about nineteen of twenty, seventeen at least. Before that, the
-Fisher information: with the potential the four numbers are told apart, from the deformation alone less well.
+What to expect: each number is in its 95 % interval in about nineteen of twenty fits, and in seventeen at least. The
+Fisher information is printed first: with the potential the four numbers are distinguished better than from the
+deformation alone.
 """
 
 import time

@@ -1,14 +1,13 @@
-"""Which conductivity ratio and field make a vesicle in shear tread at a wanted angle and viscosity?
+"""Which conductivity ratio and field give a vesicle in shear a wanted angle and viscosity?
 
     python -m experiments.inverse_design          # the search and a figure, two minutes
 
-Δ = 0.9, G = 4, Ca = 10. Wanted: an inclination of 20° and [μ] = 1.95, which a field changes in different ways. The
-steady shape follows (Λ, β) by Newton's method, its derivatives are implicit, and Newton's method for both wishes walks
-in the logarithms of both numbers, a sixth at most at a time, so that the shape can follow: no simulation but the one
-that finds the first shape.
+Δ = 0.9, G = 4, Ca = 10. Wanted are an inclination of 20° and [μ] = 1.95. The steady shape is computed by Newton's
+method for each (Λ, β), and its derivatives are implicit. Newton's method for the two targets uses the logarithms of
+both numbers. Its steps are limited to a sixth, so that the shape can follow. Only the first shape needs a simulation.
 
-What to expect: both wishes met to a millionth of their scales in ten or twenty steps from Λ = 0.4, β = 6.4. Not every
-start leads there: [μ] is least near Λ = 0.2, and from below that Newton's method goes the other way.
+What to expect: both targets are met to a millionth of their scales in ten or twenty steps from Λ = 0.4, β = 6.4. Not
+every start leads there: [μ] has a minimum near Λ = 0.2, and from below it Newton's method moves away.
 """
 
 import numpy as np

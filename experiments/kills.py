@@ -2,13 +2,13 @@
 
     python -m experiments.kills          # a table, about nine minutes
 
-`kill -9` at ten random moments of `jaxves sweep` and at ten of `jaxves run`, each time followed by the same command
-with `--resume`; when that has come to its end, anew. A moment is uniform over the seconds that the command takes
-undisturbed: some fall before there is a file, some between two writes.
+`kill -9` is sent at ten random moments of `jaxves sweep` and ten of `jaxves run`. Each time the same command follows
+with `--resume`. When a command has finished, it starts again. The moments are uniform over the undisturbed duration of
+the command, so some come before there is a file, and some between two writes.
 
-What to expect: after every kill the file opens, and what it acknowledged has the bits of the undisturbed one; every
-finished file has all of them, with the state to continue from; the last sitting computes what was not acknowledged
-before it, and a run goes on from its last acknowledged row.
+What to expect: after every kill the file opens, and what it contains agrees bit for bit with the undisturbed one.
+Every finished file agrees completely, with its restart state. The last command computes what was not in the file
+before. A run continues from its last row.
 """
 
 import os

@@ -1,13 +1,12 @@
-"""Does a vesicle that tank-treads for a hundred t_κ stay what it is?
+"""Is a vesicle that tank-treads for a hundred t_κ steady?
 
     python -m experiments.long_run          # a table, about six minutes
 
-Shear alone, Ca = 10, Δ = 0.7: the membrane goes round a hundred times and more. Steady once it has found its
-inclination, in equal steps and in controlled ones; what is left to drift is area, perimeter, spacing of the nodes and
-the high modes of the shape.
+Shear alone, Ca = 10, Δ = 0.7. The run is made with equal steps and with controlled ones. After the vesicle has reached
+its inclination, only area, perimeter, node spacing and the high modes of the shape can drift.
 
 What to expect: inclination, [μ] and tank-treading speed constant to 1e-6 from t = 20 on, nodes equispaced to 1e-6,
-area and perimeter kept to 1e-8, the centre where it was.
+area and perimeter kept to 1e-8, and the centre at its place.
 """
 
 import jax.numpy as jnp

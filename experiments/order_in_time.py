@@ -1,13 +1,13 @@
-"""Which order in time do the steppers reach, and what does an accuracy cost?
+"""Which order in time do the schemes reach, and what does a given accuracy cost?
 
     python -m experiments.order_in_time          # table and a figure, about two minutes
 
-Two scenes at 96 nodes with fixed steps: prolate to oblate and back, and tank-treading in a field. Errors in
-shape, potential and tension against a fifth-order solution with more steps than any of the others.
+Two scenes with 96 nodes and fixed steps: prolate to oblate and back, and tank-treading in a field. Shape, potential
+and tension are compared with a fifth-order solution with more steps than any of the others.
 
-What to expect: slopes of about 4 and 5 in all three, 1 for the semi-implicit Euler scheme, whose area and length
-drift at first order as well, while the projection keeps those of the others to round-off. Few steps may be too few:
-where a run broke down there is no entry. Euler takes eight times as many steps, to show its order.
+What to expect: slopes of about 4 and 5 in all three, and 1 for the semi-implicit Euler scheme. Its area and length
+also drift at first order, while the projection keeps those of the others to round-off. There is no entry if a run
+breaks down with too few steps. Euler takes eight times as many steps, to show its order.
 """
 
 import time

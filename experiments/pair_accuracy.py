@@ -1,14 +1,15 @@
-"""To how many digits are the places of two vesicles known?
+"""To how many digits are the positions of two vesicles known?
 
     python -m experiments.pair_accuracy          # five minutes: table, data/pair_accuracy.json
 
-A circulating pair (Λ = 0.5, G = 0) at t = 5 and a chain (Λ = 0.1, G = 0) at t = 4.5, its gap a few hundredths, each
-against a run with more nodes and a lower tolerance; and the circulating pair with its vesicles numbered the other
-way round, which changes nothing but round-off, and turned by 0.7 with its field, which also changes the steps, since
-their size follows the errors of components. Round-off in the highest modes grows to what the tolerance lets pass, at
-1e-4 with 64 nodes to differences of 1e-3 at t = 5: that is why all runs here have low tolerances.
+A circulating pair (Λ = 0.5, G = 0) at t = 5 and a chain (Λ = 0.1, G = 0) at t = 4.5 with a gap of a few hundredths are
+compared with runs with more nodes and a lower tolerance. The circulating pair is also computed with its vesicles
+numbered the other way round, which changes only round-off. It is also computed rotated by 0.7 with its field. This
+changes the steps too, because their size follows from the errors of components. Round-off in the highest modes grows
+to the size of the tolerance. With tolerance 1e-4 and 64 nodes this leads to differences of 1e-3 at t = 5, so all runs
+here have low tolerances.
 
-What to expect: centres and angles of the circulating pair to 1e-6, those of the chain, and its gap, to 1e-4.
+What to expect: centres and angles of the circulating pair to 1e-6, those of the chain and its gap to 1e-4.
 """
 
 import equinox as eqx

@@ -1,12 +1,12 @@
-"""What do the membranes, the fluid and the dipoles of a circulating pair do?
+"""How do the membranes, the fluid and the dipoles of a circulating pair move?
 
     python -m experiments.pair_circulation          # two minutes: figures/pair_circulation.png, table
 
-Λ = 0.5, G = 0, Δ = 0.9, β = 3.2, Ca = 0. Membranes coloured by V_m, stream lines of the fluid, and an arrow along
-each dipole, at three instants of one revolution.
+Λ = 0.5, G = 0, Δ = 0.9, β = 3.2, Ca = 0. The figure has membranes coloured by V_m, streamlines of the fluid, and an
+arrow along each dipole, at three instants of one revolution.
 
-What to expect: each vesicle treads around itself, both go round each other the same way, and the dipoles stay tilted
-from the field by the same side.
+What to expect: each vesicle treads, both circulate about each other in the same direction, and the dipoles stay tilted
+from the field to the same side.
 """
 
 import jax

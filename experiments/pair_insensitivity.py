@@ -1,12 +1,12 @@
-"""Does a pair's class depend on where it starts, or on how deflated the vesicles are?
+"""Does the class of a pair depend on where it starts, or on how deflated the vesicles are?
 
     python -m experiments.pair_insensitivity          # 40 minutes: tables, a figure, data/pair_insensitivity.json
 
 G = 0, Ca = 0, centres 2.6 a apart (3 a at Δ = 0.99); β = 3.2, 4.8, 2.4 at Δ = 0.9, 0.7, 0.99, as in the paper.
 
-What to expect: from any angle between 10° and 80°, and at every Δ, a chain at small Λ and circulation at Λ = 0.5. What
-swings lies between. The pair circulates counter-clockwise from 10°, 40° and 60°, but clockwise from 80°, after it has
-swung back. At Δ = 0.7, Λ = 0.1 the vesicles bud on the way: their own gap, the neck, closes.
+What to expect: from any angle between 10° and 80°, and at every Δ, a chain at small Λ and circulation at Λ = 0.5.
+Oscillations are between them. The pair circulates counter-clockwise from 10°, 40° and 60°, but clockwise from 80°,
+after it has swung back. At Δ = 0.7, Λ = 0.1 the vesicles bud: the gap of each membrane to itself, the neck, closes.
 """
 
 import numpy as np

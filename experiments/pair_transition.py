@@ -1,11 +1,11 @@
-"""How does a chain of prolates become one of oblates as the membranes conduct, and at which Λ are there kidneys?
+"""How does a chain of prolates become one of oblates as the conductance grows, and at which Λ are there kidneys?
 
     python -m experiments.pair_transition          # ten minutes: table, a figure, data/pair_transition.json
 
 Δ = 0.9, β = 3.2, Ca = 0, G from 0 to 4 for Λ = 0.1 (the paper's text) and Λ = 0.9 (its caption); 2.6 a apart, 20°.
 
-The paper: decaying oscillations and kidney shapes at G = 0.096, 0.144, 0.192, a direct chain at the others. A kidney
-has a part of its outline curved inwards: least curvature below zero at the end.
+The paper has damped oscillations and kidney shapes at G = 0.096, 0.144, 0.192, and direct chains at the others. The
+outline of a kidney is concave in a part: its least curvature is below zero at the end.
 """
 
 import jax

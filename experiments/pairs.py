@@ -1,15 +1,15 @@
-"""Do two vesicles chain, oscillate or circulate as Λ and G vary, and which way do they turn?
+"""Do two vesicles chain, oscillate or circulate as Λ and G vary, and in which direction do they turn?
 
     python -m experiments.pairs          # half an hour: table, two figures, data/pairs.json
 
-Δ = 0.9, β = 3.2, Ca = 0, as in the paper; centres 2.6 a apart, 20° from the horizontal; `jaxves.pairphases` has the
-classes. A run ends when its class is known: at rest with a film of 0.03 a, or after three quarters of a turn. Where
-64 nodes do not resolve the film, 128 follow.
+Δ = 0.9, β = 3.2, Ca = 0, as in the paper; centres 2.6 a apart, 20° from the horizontal.
+`jaxves/observables/pair_classes.py` defines the classes. A run ends when its class is known: at rest with a film of
+0.03 a, or after three quarters of a turn. If 64 nodes do not resolve the film, the run is repeated with 128.
 
-What to expect: without conductance (G = 0) a chain along the field at small Λ, at Λ = 0.3 swings that do not die away,
-from Λ = 0.5 on circulation, counter-clockwise up to Λ = 1 and clockwise beyond. A conducting membrane is charged no
-more: the traction is all but normal, nothing treads, and all pairs turn to the field and chain, the slower the nearer
-Λ is to 1. Aligned pairs attract, pairs side by side repel each other.
+What to expect: without conductance (G = 0) a chain along the field at small Λ, undamped swings at Λ = 0.3, and
+circulation from Λ = 0.5 on, counter-clockwise up to Λ = 1 and clockwise above. A conducting membrane is not charged.
+The traction is then nearly normal, nothing treads, and all pairs turn to the field and form chains. They turn more
+slowly as Λ approaches 1. Aligned pairs attract, and pairs side by side repel each other.
 """
 
 import numpy as np

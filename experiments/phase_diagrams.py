@@ -1,15 +1,15 @@
-"""Which of prolate, oblate and prolate-oblate-prolate becomes of a vesicle, over field strength and conductance?
+"""In which class (P, O or POP) is a vesicle, over field strength and conductance?
 
     python -m experiments.phase_diagrams          # a table and a figure; half an hour on two cores
 
-β × G at Λ = 0.1 for Δ = 0.9, 0.8, 0.6, as the paper's figure: 7 × 7 cases each, then refined twice where the class
-changes, which gives the boundary of a 25 × 25 grid. A run ends when nothing moves any more, or with POP. Cases that 64
-nodes do not resolve are computed again with 128. At seven G the field β₀ that ends the class P is then sought by
+β × G at Λ = 0.1 for Δ = 0.9, 0.8, 0.6, as in the paper's figure. There are 7 × 7 cases each, refined twice where the
+class changes, which gives the boundary of a 25 × 25 grid. A run ends when the shape is steady, or with POP. Cases that
+64 nodes do not resolve are computed again with 128. At seven G the critical field β₀ is computed with
 `jaxves.critical_field`, between the fields of the grid on both sides of it, and drawn as points.
 
 What to expect: P at small β, O at large G, POP between, with a critical β at G = 0 that grows as Δ falls. A vesicle
-at a boundary lingers: where it has not made up its mind by the end, it is called "open". All starts are exactly
-symmetric: `broken_symmetry` tells which of these classes a disturbed start has, too.
+near a boundary changes slowly. If its class is not known at the end, it is called "open". All starts are exactly
+symmetric; `broken_symmetry` shows which of these classes do not depend on this.
 """
 
 import dataclasses

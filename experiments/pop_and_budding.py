@@ -1,15 +1,15 @@
-"""Does a deflated vesicle turn from prolate to oblate and back as in the paper, and when is a bud's neck narrowest?
+"""Does a deflated vesicle turn from prolate to oblate and back, and when is the neck of a bud narrowest?
 
     python -m experiments.pop_and_budding          # table and five figures, about five minutes
 
-Wu & Veerapaneni, figure of the POP transition and of budding: Λ = 0.1, G = 0, from an ellipse along the field.
-Δ = 0.9, β = 3.2 squares; Δ = 0.5, β = 12.8 buds. Narrowest is the first local minimum of the neck's width after
-the bud has formed; the paper gives t = 0.253, 0.216, 0.184 for β = 9.6, 12.8, 16.
+The scenes are those of the POP transition and of budding in Wu & Veerapaneni: Λ = 0.1, G = 0, from an ellipse along
+the field. Δ = 0.9, β = 3.2 becomes a square; Δ = 0.5, β = 12.8 buds. The narrowest neck is the first local minimum of
+its width after the bud has formed. The paper gives t = 0.253, 0.216, 0.184 for β = 9.6, 12.8, 16.
 
-What to expect: times within one per cent of the paper's for the two weaker fields and earlier by four for β = 16,
-none of which moves with nodes or tolerance; compression (λ < 0) in the neck from about then on: before the minimum
-for β near 12.8, shortly after it for 9.6 and 16. Λ = 10 has no transition. Budding is shown up to t = 0.3: necks under
-compression amplify round-off, and later shapes lose their mirror symmetry at a time that depends on the nodes.
+What to expect: times within one per cent of the paper's for the two weaker fields, and 4 % earlier for β = 16. None of
+them changes with nodes or tolerance. The neck is compressed (λ < 0) from about then on: before the minimum for β near
+12.8, shortly after it for 9.6 and 16. Λ = 10 has no transition. Budding is shown up to t = 0.3: compressed necks
+amplify round-off, and later shapes lose their mirror symmetry at a time that depends on the nodes.
 """
 
 from types import SimpleNamespace

@@ -1,17 +1,16 @@
-"""Does a run know how wrong it is?
+"""Does a run know its own error?
 
     python -m experiments.random_scenes            # a hundred scenes, about an hour on two busy cores
     python -m experiments.random_scenes --seed 7   # another hundred
-    python -m experiments.random_scenes --resume   # goes on where the last one was stopped, with its seed
 
-Scenes are drawn at random as users write them: one vesicle or a pair, reduced area, field strength, conductivities,
-conductance, charging time and flow over all that the model allows, half with 64 nodes and half with `nodes = "auto"`.
-Each runs as `jaxves run` does, and states its error in the certificate. A finer run tells the true one. It has one and
-a half times the greatest number of nodes that the first used, 128 at least, and a hundredth of its tolerance. The error
-is the largest distance of any node, in a, or of V_m, in a E_inf, over all saved instants.
+Scenes are drawn at random: one vesicle or a pair, with reduced area, field strength, conductivities, conductance,
+charging time and flow over the whole range of the model. Half have 64 nodes and half `nodes = "auto"`. Each is run as
+by `jaxves run`, which states its error in the certificate. A finer run gives the true error. It has one and a half
+times the largest number of nodes of the first, at least 128, and a hundredth of its tolerance. The error is the
+largest distance of any node, in a, or difference of V_m, in a E_inf, over all saved times.
 
-What to expect: No run that calls itself complete is off by more than ten times the error it states. At least 90 of the
-100 end as complete and state at most 1e-2. The median of stated over true error is below 10.
+What to expect: no run with the status complete has an error of more than ten times the stated one. At least 90 of the
+100 are complete and state at most 1e-2. The median of stated over true error is below 10.
 """
 
 import argparse

@@ -1,15 +1,15 @@
-"""How does a field change the viscosity of a suspension, and the way its vesicles tread?
+"""How does a field change the viscosity of a suspension, and the tank-treading of its vesicles?
 
     python -m experiments.rheology          # tables and two figures, eight minutes
 
-Shear and field together, G = 4: [μ], inclination and tank-treading speed against Λ at β = 6.4 and Ca = 10 for five
-reduced areas; then [μ] over β, Δ and Ca at Λ = 0.1. Runs from an ellipse at 36°; one has settled when it came to its
-end, and its last [μ] is that of its last fifth.
+Shear and field together, G = 4. [μ], inclination and tank-treading speed are computed against Λ at β = 6.4 and Ca = 10
+for five reduced areas, then [μ] over β, Δ and Ca at Λ = 0.1. Runs start from an ellipse at 36°. A run has settled if
+it reached its end and its last [μ] equals that of the last fifth of the time.
 
-What to expect: inclination rises with Λ, and [μ] but for a few per cent at small Λ; vesicles of low Δ tread backwards
-where Λ is small. All settle but three at Δ = 0.5 and the smallest Λ, which fold up on the way. Where both are small,
-treading is unstable to a bend, of which the runs have none; its growth is told for three such states. Near Δ = 1 the
-viscosity forgets β and Ca.
+What to expect: the inclination rises with Λ, and so does [μ] except for a few per cent at small Λ. Vesicles of low Δ
+tread backwards at small Λ. All settle except three at Δ = 0.5 and the smallest Λ, which fold. If both are small,
+treading is unstable to a bend, which symmetric starts do not have; the growth rate is printed for three such states.
+Near Δ = 1 the viscosity does not depend on β and Ca.
 """
 
 import numpy as np

@@ -1,19 +1,19 @@
-"""What are projection, filter, finer kernels in necks, watching the highest modes and keeping symmetries worth?
+"""What are projection, filter, finer kernels in necks, weighted modes and kept symmetries worth?
 
     python -m experiments.safeguards          # tables and a figure, about twelve minutes
 
-After every step the nodes are filtered (N/16 modes of x, Nyquist alone of σ and V_m) and projected back to uniform
-metric and their own area. Here each is left out: "Nyquist only" filters x no deeper than σ. And a vesicle buds with
-Kress's rule alone, on the nodes as they are, instead of on finer ones where the membrane comes near itself. And steps
-are chosen by the plain size of their error, in which the highest modes count like all others. And two vesicles that
-start symmetric, one that buds and one that treads where treading is unstable, are left to what round-off makes of that.
+After every step the nodes are filtered (N/16 modes of x, only Nyquist of σ and V_m) and projected back to uniform
+metric and the given area. Here each safeguard is left out in turn. "Nyquist only" filters x as little as σ. A vesicle
+buds with Kress's rule on the given nodes instead of on a finer grid in the neck. Steps are chosen by the unweighted
+error, in which the highest modes count like all others. Two vesicles that start symmetric are not kept symmetric: one
+that buds, and one that treads where treading is unstable.
 
-What to expect: without the projection area and length drift, and the shape is further off by one digit or more;
-with the shallow filter a grid-scale stretching pattern, which σ cannot see, halves the largest stable step and
-multiplies the steps of a budding run. Neither costs accuracy or order. Without finer kernels a neck as wide as the
-spacing of the nodes is wrong by per cents, and closes in some runs. Where the highest modes count like others,
-round-off in them grows until it is as large as the tolerance: what depends on curvature, [μ] or tension, is noise.
-Where symmetries are not kept, the bud is wrong by per cents once its neck has opened, and treading ends in a fold.
+What to expect: without the projection area and length drift, and the error of the shape is larger by a digit or more.
+With the shallow filter a grid-scale stretching pattern, which σ cannot represent, halves the largest stable step and
+increases the number of steps of a budding run. Neither changes accuracy or order. Without finer kernels the error of a
+neck as wide as the node spacing is several per cent, and the neck closes in some runs. With unweighted modes round-off
+in the highest modes grows to the size of the tolerance, and [μ] and tension are noise. Without kept symmetries the bud
+has errors of several per cent after its neck has opened, and treading ends in a fold.
 """
 
 import jax.numpy as jnp

@@ -2,16 +2,16 @@
 
     python -m experiments.scale            # tables and a figure, 15 minutes; --sizes 2 64 256 for some of the rows
 
-A suspension is a lattice of ellipses (Δ = 0.9), each turned at random, whose circumscribed circles are 0.2 apart: no
-gap is smaller, and those below 5.5 node spacings take close evaluation. A step is a whole one of ARK4 in a field:
-the frozen part, six F with their coupled solves for charge and tension, implicit solves and the projection. Every
-size runs in its own process, which reports its own peak memory, on one device; the largest once more on two, among
-which the targets of sums are shared. Times are compared with the step of one vesicle in the same process, in wall
-time and in processor time, of which a busy machine adds nothing.
+A suspension is a lattice of randomly rotated ellipses (Δ = 0.9), whose circumscribed circles are 0.2 apart. No gap is
+smaller, and gaps below 5.5 node spacings use close evaluation. A step is a complete step of ARK4 in a field: the
+linear part, six F with their coupled solves for charge and tension, implicit solves and the projection. Every size
+runs in its own process on one device, which reports its peak memory. The largest also runs on two devices, which share
+the targets of the sums. Times are compared with the step of one vesicle in the same process, in elapsed time and in
+processor time.
 
-What to expect: counts that settle with M, memory that grows like M, and time that grows like M² once sums of all
-pairs rule. A far pair costs less than 4.5 single vesicles, a near one less than 10, and side by side (`vmap`) far
-pairs pay as if they were near.
+What to expect: iterations that become constant with M, memory that grows like M, and time that grows like M² when the
+sums over all pairs dominate. A far pair costs less than 4.5 single vesicles, and a near one less than 10. Under `vmap`
+far pairs cost as much as near ones.
 """
 
 import argparse

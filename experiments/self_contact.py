@@ -1,14 +1,15 @@
-"""How accurate are the potentials of a membrane on itself in a narrowing neck?
+"""How accurate is the self-interaction of a membrane in a narrow neck?
 
     python -m experiments.self_contact          # table and a figure, about a minute
 
-A dumbbell whose neck narrows from 1 to 0.02 at a fixed number of nodes; S, S' and Stokes S of smooth densities, with
-Kress's rule alone and with the kernels formed on a finer grid as `jaxves.potentials.contact` does, against Kress's
-rule on a grid that has eight nodes and more across the neck.
+The neck of a dumbbell narrows from 1 to 0.02 with a fixed number of nodes. S, S' and Stokes S of smooth densities are
+computed with Kress's rule alone, and with kernels on a finer grid as in `jaxves/potentials/self_refined.py`. The
+reference is Kress's rule on a grid with eight or more nodes across the neck.
 
-What to expect: the rule alone errs by about e^{-2πd} at a neck of d node spacings, all digits lost below one; on the
-finer grid the error stays where the nodes resolve shape and densities (1e-11 for S and Stokes S, 1e-9 for S' with 128
-nodes, 1e-6 and worse with 64) down to half a spacing, and below a quarter a run ends as `unresolved`.
+What to expect: the error of the rule alone is about e^{-2πd} at a neck of d node spacings, so that no digits are left
+below one. On the finer grid the error stays at the level to which the nodes resolve shape and densities (1e-11 for S
+and Stokes S, 1e-9 for S' with 128 nodes, 1e-6 and worse with 64), down to half a spacing. Below a quarter a run ends
+as `unresolved`.
 """
 
 import functools

@@ -1,15 +1,15 @@
-"""How does the viscosity of tank-treading vesicles depend on everything, and are the derivatives right?
+"""How does the viscosity of tank-treading vesicles depend on all numbers, and are the derivatives right?
 
     python -m experiments.sensitivity          # tables and a figure, about ten minutes
 
-G = 4, β = 6.4, Ca = 10, Δ = 0.9, Λ = 0.1, as in the paper's rheology: the steady shape, from there along Λ, β and Δ
-with Newton's method alone, and at every point ∂[μ]/∂Λ, ∂[μ]/∂β, ∂[μ]/∂Δ from the implicit function theorem. Beside
-them the slopes of a spline through the computed curve. Then every number of scenes with one vesicle, in shear, with two
-close to each other or far, of a symmetric shape along the field, of a circle and without field strength: forward
-against reverse mode against differences (`jaxves check-grad` prints that of any scene), and second derivatives.
+G = 4, β = 6.4, Ca = 10, Δ = 0.9, Λ = 0.1, as in the paper's rheology. From the steady shape Newton's method follows Λ,
+β and Δ. At every point ∂[μ]/∂Λ, ∂[μ]/∂β, ∂[μ]/∂Δ come from the implicit function theorem. They are compared with the
+slopes of a spline through the computed curve. Then every number of several scenes is checked: one vesicle, in shear, a
+close and a far pair, a symmetric shape along the field, a circle, and no field strength. Forward mode is compared with
+reverse mode and with differences (`jaxves check-grad` does this for any scene), and second derivatives are computed.
 
-What to expect: slopes of the curves equal the derivatives to what a spline through so few points is worth; forward and
-reverse agree to 1e-8, forward and differences to 1e-6.
+What to expect: the slopes of the curves agree with the derivatives within the error of a spline through so few points.
+Forward and reverse mode agree to 1e-8, forward mode and differences to 1e-6.
 """
 
 import time

@@ -1,12 +1,13 @@
-"""How does a vesicle tread in shear without a field, and what becomes of it as it grows round?
+"""Which inclination and viscosity has a vesicle in shear without a field, also as it becomes a circle?
 
     python -m experiments.shear          # tables and a figure, about three minutes
 
-Steady inclination and intrinsic viscosity [μ] at Ca = 10 for several reduced areas Δ, with three numbers of nodes
-and two tolerances each; then Δ towards 1, extrapolated.
+Steady inclination and intrinsic viscosity [μ] at Ca = 10 for several reduced areas Δ, with three numbers of nodes and
+two tolerances each; then an extrapolation to Δ = 1.
 
-What to expect: four digits that do not move with nodes and tolerance. A circle has [μ] = 2 exactly and leaves it
-like 1 - Δ, while the inclination leaves π/4 like √(1 - Δ): polynomials in those variables must meet both limits.
+What to expect: four digits that do not change with nodes and tolerance. A circle has exactly [μ] = 2. [μ] differs from
+it by a term in 1 - Δ, and the inclination differs from π/4 by a term in √(1 - Δ). Polynomials in these variables must
+have both limits.
 """
 
 import jax.numpy as jnp

@@ -1,18 +1,19 @@
-"""Which motions does a vesicle with an insulating membrane (G = 0) find in shear and a field, and is one chaotic?
+"""Which motions does a vesicle with an insulating membrane (G = 0) have in shear and a field, and is one chaotic?
 
     python -m experiments.shear_regimes          # tables, two figures, about ten minutes
 
-The paper names tumbling, staggering (treading with a periodic inclination), mirrored treading (the other way round,
-inclined against the shear) and chaotic staggering, without their numbers. Here is one of each, found by scanning
-(β, Λ, Δ, Ca) from an ellipse at 45°, and a map of where they live at Δ = 0.8.
+The paper names tumbling, staggering (treading with a periodic inclination), mirrored treading (in the opposite
+direction and inclined against the shear) and chaotic staggering, without numbers. Here is one of each, found by
+scanning (β, Λ, Δ, Ca) from an ellipse at 45°, and a map at Δ = 0.8.
 
-The cause of all four: at G = 0 the charged membrane is an electric rotor that turns by itself beyond β = 1 (see
-quasi_circular). With the shear it treads faster, or, if it started so, against it; where the membrane treads faster
-than the shape can follow, the shape tumbles; where charging is slower than treading, the two take turns.
+The cause of all four: at G = 0 the charged membrane rotates by itself above β = 1 (see `quasi_circular`). With the
+shear it treads faster. If it started in the opposite direction, it treads against the shear. If the membrane treads
+faster than the shape can follow, the shape tumbles. If charging is slower than treading, the two alternate.
 
-What to expect: periods, angles and speeds that do not move with nodes and tolerance. In the chaotic case each maximum
-of the inclination gives the next by a one-dimensional map, the same for both numbers of nodes; neighbouring starts
-part exponentially, and the rate, the largest Lyapunov exponent, is positive by several of its errors for both.
+What to expect: periods, angles and speeds that do not change with nodes and tolerance. In the chaotic case each
+maximum of the inclination determines the next by a one-dimensional map, which is the same for both numbers of nodes.
+Neighbouring starts separate exponentially. The rate, the largest Lyapunov exponent, is positive by several of its
+errors for both.
 """
 
 import itertools

@@ -1,13 +1,14 @@
-r"""Dense factorisations or GMRES for the two linear systems of the equation of motion?
+"""Dense factorisation or GMRES for the two linear systems of the equation of motion?
 
     python -m experiments.solvers          # table and a figure, about two minutes
 
-Charge: (½ + η S') w = b, of the second kind. Tension: K σ = b with K = -|x_α| ∂_s-stretch of the velocity that σ
-causes; on a circle K = |k|/4, so that 4/|k| (1 at k = 0) is the natural circulant preconditioner. GMRES acts without
-matrices but for the kernels, which both need; dense pays for forming K (products of N × N matrices) and factoring.
+Charge: (½ + η S') w = b, of the second kind. Tension: K σ = b, where -K σ is |x_α| times the stretch rate that σ
+causes. On a circle K = |k|/4, so 4/|k| (1 at k = 0) is the natural circulant preconditioner. GMRES needs no matrices
+except the kernels, which both methods need. The dense method also forms K (products of N × N matrices) and factorises
+it.
 
-What to expect: counts that do not grow with N, except without the preconditioner. Dense wins at 64 nodes; GMRES
-overtakes it at about 128 for the charge, by a growing factor, and not before 256 for the tension, by little. And the
+What to expect: iterations do not grow with N, except without the preconditioner. Dense is faster at 64 nodes. GMRES is
+faster for the charge from about 128 nodes on, by a growing factor, and for the tension from 256 on, by little. The
 linear part A of a step needs the factors anyway, for N and 2N right-hand sides, and shares them with its first rate
 and the projection.
 """

@@ -1,18 +1,17 @@
-"""Where does the method hold, where does it stop, and does it say so?
+"""Where is the method right, where does it stop, and does it say so?
 
     python -m experiments.stability               # tables and a figure, about half an hour on busy cores
     python -m experiments.stability field pairs   # these groups again; the stored numbers of the others stay
 
-Scenes at the edge of every parameter, alone and combined, at tolerance 1e-5 with the usual checks, to
-t_end = min(1, 20/Ca, 50 χ/β). Each is then run again with more nodes (fewer for 256) and a tenth of the
-tolerance. A cell is "right" when the two agree to 1e-3 in shape and in V_m at all saved instants, or "stopped" with
-the word of its status, when what it had saved before that is right to 1e-2; anything else is "wrong": nothing may be
-silently so.
+Scenes at the limits of every parameter, alone and combined, are run with tolerance 1e-5 and the usual checks, to t_end
+= min(1, 20/Ca, 50 χ/β). Each is run again with more nodes (fewer for 256) and a tenth of the tolerance. A cell is
+"right" if the two agree to 1e-3 in shape and V_m at all saved times. It is "stopped", with its status word, if what it
+had saved before is right to 1e-2. Otherwise it is "wrong".
 
-Beside it, the largest fixed step with which each scheme arrives near the right answer.
+A second table has the largest fixed step with which each scheme comes near the right answer.
 
-What to expect: no "wrong". Where the field compresses the membrane so strongly that it wrinkles more finely than the
-nodes resolve (β/χ above a thousand at Λ < 1), the run stops as "unresolved".
+What to expect: no "wrong". If the field compresses the membrane so strongly that the nodes do not resolve its wrinkles
+(β/χ above 1000 at Λ < 1), the run stops as "unresolved".
 """
 
 import json

@@ -1,13 +1,13 @@
-"""How many cases a second does a sweep compute, and what do devices, batches and the command line make of it?
+"""How many cases per second does a sweep compute, and how do devices, batches and the command line change this?
 
     python -m experiments.sweep_throughput           # CPU: two host devices against one, batches, one by one, commands
     python -m experiments.sweep_throughput --gpu     # on a GPU: cases per second by the size of a batch, gradients
 
-64 cases of POP over β and G, N = 64, to t = 1 with 20 saves. "One by one" is `jaxves.simulate` under `jit`, called
-for one case after the other; the command line is `jaxves run`, once for each case. All but the commands take turns.
+64 cases of POP over β and G, N = 64, to t = 1 with 20 saves. "One by one" is `jaxves.simulate` under `jit`, called for
+one case after the other. The command line is `jaxves run`, once for each case. All but the commands take turns.
 
-What to expect: batches lose nothing against one by one; a second device nearly doubles the rate; a command spends its
-time on starting.
+What to expect: batches are as fast as one by one. A second device nearly doubles the rate. A command spends most of
+its time on starting.
 """
 
 import argparse

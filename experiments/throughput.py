@@ -1,16 +1,16 @@
-"""What do a rate of change, a step and a run cost, in units of a well-known linear solve?
+"""What do an evaluation of F, a step and a run cost, in units of a well-known linear solve?
 
     python -m experiments.throughput          # tables and a figure, about two minutes
 
-One vesicle in a field, thread for thread: LAPACK and the products of XLA have one each. The unit is SciPy's
-`lu_factor` and `lu_solve` for 3N unknowns, which a method that solved for shape and tension at once would need once a
-step; everything takes turns in one process, on one core.
-Given are medians, and the ratio of the least times, which other work on the machine disturbs less. Memory that was
-freed stays with the process: from the threads of JAX glibc takes it back after every call, and getting it anew, page
-by page, costs a lone call of F with 128 nodes as much again as F itself. Within a compiled run F allocates nothing.
+One vesicle in a field; LAPACK and the products of XLA have one thread each. The unit is SciPy's `lu_factor` and
+`lu_solve` for 3N unknowns. A method that solves for shape and tension together would need it once per step. Everything
+takes turns in one process on one core. Results are medians, and the ratio of the least times, which other work on the
+machine disturbs less. Freed memory stays with the process. Otherwise glibc returns memory from the threads of JAX to
+the system after every call. Getting it again costs a single call of F with 128 nodes as much time as F itself. Within
+a compiled run F allocates no memory.
 
-What to expect: a rate of change F near one unit with 64 and 128 nodes, half of one with 256; a fourth-order step (six
-rates, one frozen linear part with its factorisation, one projection) below eight. What a scene has not costs nothing.
+What to expect: F near one unit with 64 and 128 nodes, and half a unit with 256. A fourth-order step (six F, one linear
+part with its factorisation, one projection) below eight. Parts that a scene leaves out cost nothing.
 """
 
 import ctypes
