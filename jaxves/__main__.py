@@ -1,4 +1,4 @@
-"""The command line. It answers bad input before anything slow is imported, and in one line."""
+"""The entry point of the command line. Wrong input is refused in one line, before slow imports."""
 
 import os
 import signal
@@ -9,7 +9,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Entry point of the `jaxves` command; ends with its exit status."""
     # Small LAPACK calls are slower on two threads than on one; must be set before NumPy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Until a run has begun there is nothing to keep, and half imported extensions may crash when they are left.
+    # Before a run begins there is nothing to keep, and interrupting the import of an extension may crash.
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, lambda signum, frame: os._exit(128 + signum))
     from .cli.commands import answer
@@ -18,7 +18,7 @@ def main(arguments: list[str] | None = None) -> None:
     write_in_any_encoding()
     status = answer(sys.argv[1:] if arguments is None else arguments)
     if status in (INTERRUPTED, TERMINATED):
-        # Compiled code may still be running, which an orderly end of Python would crash.
+        # Compiled code may still be running. It would crash during a normal exit of Python.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)

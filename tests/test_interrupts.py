@@ -149,7 +149,7 @@ def test_a_limit_of_time_interrupts_in_time_and_says_so(age, work, monkeypatch):
     began, doing = time.monotonic(), work()
     code, out, err = call("run", doing.scene, "--out", doing.out, "--max-time", f"{limit_in(0.5):.6f}")
     assert (code, doing.ended) == (130, 1) and time.monotonic() < began + 10
-    assert "interrupted" in out and err == "jaxves: interrupted to be done before the limit of --max-time."
+    assert "interrupted" in out and err == "jaxves: interrupted before the time limit of --max-time."
     code, _, err = call("sweep", doing.sweep, "--out", doing.out.with_name("sweep.h5"), "--max-time", "1s")  # long over
     assert code == 130 and "--max-time" in err
 

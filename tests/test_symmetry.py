@@ -196,7 +196,7 @@ def test_a_result_tells_which_symmetries_were_kept(tmp_path):
         runner.run(parse(tables), path, force=True)
         record = run_store.read_result(path)
         assert record.attributes["symmetry"] == told
-        assert any(f"kept symmetric {told}, as it started" in str(line) for line in summary(record, path))
+        assert any(f"kept symmetric {told}, like its start" in str(line) for line in summary(record, path))
     tables["vesicle"] = [vesicle | {"disturbance": 1e-6}]
     runner.run(parse(tables), path, force=True)
     record = run_store.read_result(path)

@@ -4,7 +4,7 @@ commands        the commands
 options         their arguments and options
 console         exit statuses, and lines on the terminal
 interrupts      Ctrl-C, SIGTERM, `--max-time`
-long_runs       progress and end of long work
-pictures        pictures of result files
-run_summary, sweep_summary, units_report    what is printed
+long_runs       progress bars and the end of runs and sweeps
+pictures        figures of result files
+run_summary, sweep_summary, units_report    the text that `show` and `units` print
 """

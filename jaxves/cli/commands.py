@@ -1,6 +1,6 @@
-"""Commands: run, sweep, show, plot, check-grad, scenes, init, units. `jaxves.console` has the exit statuses.
+"""The commands: run, sweep, show, plot, check-grad, scenes, init, units. `console` has the exit statuses.
 
-Nothing here computes; modules that import JAX are imported inside what needs them, after the input has been checked.
+Modules that import JAX are imported inside the functions that need them, after the input has been checked.
 """
 
 import math
@@ -28,11 +28,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Vesicles in two-dimensional Stokes flow under electric fields. Start with: jaxves run pop --out pop.h5",
 )
-_UsageError = typer.BadParameter.__base__  # typer has it in different places
+_UsageError = typer.BadParameter.__base__  # its place depends on the version of typer
 
 
 def answer(arguments: list[str]) -> int:
-    """Runs one command; returns its exit status. All complaints are one line."""
+    """Runs one command; returns its exit status. Every error message is one line."""
     with console.warnings_in_one_line():
         return _answered(arguments)
 
@@ -44,7 +44,7 @@ def _answered(arguments: list[str]) -> int:
         return console.refused(error.format_message()).exit_code
     except (KeyboardInterrupt, typer.Abort):
         return console.INTERRUPTED
-    except OSError as error:  # of the disk that the output goes to, or a picture
+    except OSError as error:  # of the disk, for output or a figure
         console.say(error)
         return console.BROKE_DOWN
 
@@ -58,7 +58,9 @@ def _version(wanted: bool) -> bool:
 
 @app.callback()
 def _main(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
 ) -> None:
     pass
 
@@ -80,13 +82,13 @@ def run(
         if force and resume:
             raise console.refused("--force replaces the result file and --resume continues it: give one of them.")
         if start is not None and resume:
-            raise console.refused("--from is for a new run: a result file has its own start, --resume needs no other.")
+            raise console.refused("--from is for a new run and --resume continues a file: give one of them.")
         if at is not None and start is None:
             raise console.refused(f"--at = {at}, expected --from FILE with it.")
         refuse_written(out)
         if resume and continuation.is_done(out, scene_file):
             word = run_store.read_result(out).status
-            met = "" if word == status.WORDS[status.COMPLETE] else " Its stop condition is met; --from goes on from it."
+            met = "" if word == status.WORDS[status.COMPLETE] else " Its stop condition is met; --from starts from it."
             console.out.print(f"{out} is done ({word}): there is nothing to resume.{met}", markup=False)
             return
     except (SceneError, StoreError) as error:
@@ -140,7 +142,7 @@ def sweep(
 
 
 def _limit(max_time: str | None) -> float | None:
-    """The seconds of --max-time."""
+    """Returns the seconds of --max-time."""
     try:
         return None if max_time is None else interrupts.seconds(max_time)
     except ValueError:
@@ -162,7 +164,7 @@ def _loaded(path: Path) -> Record | SweepRecord:
 
 @app.command()
 def show(file: options.ResultFile) -> None:
-    """Summarise a result in a few lines."""
+    """Summarise a result."""
     _summarise(_loaded(file), file)
 
 
@@ -175,7 +177,7 @@ def plot(
     out: options.Stem = None,
     force: options.Force = False,
 ) -> None:
-    """Draw a result: FILE-snapshots.png and so on."""
+    """Draw figures of a result, such as FILE-snapshots.png."""
     record, stem = _loaded(file), out or file.with_suffix("")
     if isinstance(record, SweepRecord):
         pictures.of_sweep(record, file, what, quantity, stem, force)
@@ -189,7 +191,7 @@ def check_grad(
     t_end: options.CheckedTime = 0.02,
     steps: options.CheckedSteps = 20,
 ) -> None:
-    """Compare derivatives in all numbers of a scene: forward, reverse, differences. Exit status 3 if they disagree."""
+    """Compare derivatives in forward mode, reverse mode and by differences. Exit status 3 if they disagree."""
     try:
         scene_file = read_scene(scene)
     except SceneError as error:
@@ -204,7 +206,7 @@ def check_grad(
             rows = list(gradcheck.check_gradients(scene_file, t_end, steps, progress=said.update))
         except gradcheck.BrokenDown as word:
             console.say(
-                f"the run to be differentiated ends as {word}: give it more nodes, more --steps or a smaller --t-end."
+                f"the run to be differentiated ends as {word}: use more nodes, more --steps or a smaller --t-end."
             )
             raise typer.Exit(console.BROKE_DOWN) from None
     for part in derivatives(rows):
@@ -222,7 +224,7 @@ def scenes() -> None:
 
 @app.command()
 def init(file: options.NewScene = Path("scene.toml"), force: options.Force = False) -> None:
-    """Write a commented scene file to start from."""
+    """Write a scene file with comments."""
     console.refuse_existing([file], force)
     file.write_text(TEMPLATE, encoding="utf-8")
     console.out.print(
@@ -244,10 +246,10 @@ def units(
     shear_rate: options.ShearRate = 0.0,
     reduced_area: options.ReducedArea = 0.9,
 ) -> None:
-    """Convert laboratory quantities to the model's numbers, and say where the model ends for them.
+    """Convert laboratory quantities to the numbers of the model, and warn where the model does not hold.
 
     Prints the dimensionless numbers, the units of results, the regime of the vesicle (wrinkles, inertia, voltage,
-    charge relaxation) with a warning for each limit that is passed, and the tables of a scene file.
+    charge relaxation) with a warning for each limit that is exceeded, and the tables of a scene file.
     """
     quantities = dict(
         a=a, E=E, sigma_i=sigma_i, sigma_e=sigma_e, epsilon=epsilon, C_m=C_m, kappa_B=kappa_B, mu=mu, G_m=G_m,

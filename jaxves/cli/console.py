@@ -1,6 +1,6 @@
-"""What all commands say, and how they end.
+"""Messages and exit statuses of all commands.
 
-Exit status: 0 done, 2 bad input, 3 broke down, 130 interrupted by Ctrl-C or --max-time, 143 by SIGTERM.
+Exit status: 0 done, 2 wrong input, 3 broke down, 130 interrupted by Ctrl-C or --max-time, 143 by SIGTERM.
 """
 
 import io
@@ -21,7 +21,7 @@ BAD_INPUT, BROKE_DOWN, INTERRUPTED, TERMINATED = 2, 3, 130, 143
 
 
 class _Console(Console):
-    """Goes on in silence once its reader is gone, as after `| head`: the exit status stays that of the work."""
+    """A console that ignores a closed pipe, as after `| head`; the exit status stays that of the work."""
 
     def on_broken_pipe(self) -> None:
         self.quiet = True
@@ -35,27 +35,27 @@ err = _Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def write_in_any_encoding() -> None:
-    """Makes standard output replace the characters that its encoding lacks, instead of failing at the first.
+    """Makes standard output replace characters that its encoding does not have, instead of raising an error.
 
-    Standard error does so by itself.
+    Standard error does this by default.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
 
 
 def say(message: object) -> None:
-    """One line beside the output."""
+    """Prints a message as one line on standard error."""
     err.print(f"jaxves: {' '.join(str(message).split())}", markup=False)
 
 
 def refused(message: object) -> typer.Exit:
-    """Says what is wrong with the input; to be raised."""
+    """Prints what is wrong with the input; returns the exception to raise."""
     say(message)
     return typer.Exit(BAD_INPUT)
 
 
 def refuse_existing(paths: list[Path], force: bool, remedy: str = "use --force to replace it") -> None:
-    """Before anything slow: files that are there already, or could not be written."""
+    """Refuses files that exist already or cannot be written, before slow work begins."""
     for path in paths:
         try:
             refuse_special(path)
@@ -69,7 +69,7 @@ def refuse_existing(paths: list[Path], force: bool, remedy: str = "use --force t
 
 @contextmanager
 def warnings_in_one_line() -> Iterator[None]:
-    """Shows warnings of this package as one line each."""
+    """Shows each warning of this package as one line."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", OutlineNoise)
         others = warnings.showwarning

@@ -1,9 +1,9 @@
-"""How long work is interrupted: by Ctrl-C, by a request to terminate (SIGTERM), or by a limit on its time.
+"""Interrupts of long work: by Ctrl-C, by a request to terminate (SIGTERM), or by a time limit.
 
-Each of them raises KeyboardInterrupt in the code of this package, and the work then keeps what it has. Python handles a
-signal only between two of its own instructions, so a program that JAX is compiling is compiled to its end first.
+Each of them raises KeyboardInterrupt in the code of this package, and the work then keeps its results. Python handles
+signals only between its own instructions. If JAX is compiling a program, the compilation is finished first.
 
-SIGHUP keeps its meaning, which is the end of the process; a result file survives that (`store`).
+SIGHUP ends the process, as usual. A result file survives this (`results/run_writer.py`).
 """
 
 import _thread
@@ -17,16 +17,16 @@ from contextlib import contextmanager
 
 from .console import say
 
-_BEGAN = time.monotonic()  # about when the command started
-_RESERVE = 60.0  # seconds before the limit of time at which the work is interrupted, at most
-_SHARE = 0.1  # of that limit, at most
-_GRACE = 1.0  # seconds to hear a limit that is over already
+_BEGAN = time.monotonic()  # approximate start of the command
+_RESERVE = 60.0  # the work is interrupted at most so many seconds before the time limit
+_SHARE = 0.1  # and at most this fraction of the limit before it
+_GRACE = 1.0  # seconds for the interrupt if the limit has passed already
 _UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86400}
 WANTED = "a positive time: seconds as 5400, a number with a unit as 90m or 1.5h, or a clock as 1:30:00 or 2-12:00:00"
 
 
 class Interrupts:
-    """The signals that were heard, in order, whether they interrupted the work, and whether its limit was reached."""
+    """The signals that arrived, in order, whether they interrupted the work, and whether its time limit was reached."""
 
     def __init__(self):
         self.signals: list[int] = []
@@ -34,7 +34,7 @@ class Interrupts:
         self.has_interrupted = False
 
     def check(self) -> None:
-        """Raises KeyboardInterrupt after a signal that could not raise it where it came."""
+        """Raises KeyboardInterrupt if a signal arrived where it could not be raised."""
         if self.signals:
             self.interrupt()
 
@@ -45,12 +45,14 @@ class Interrupts:
 
     @property
     def exit_status(self) -> int:
-        """128 and the number of the first signal, as shells have it; the limit of time counts as Ctrl-C."""
+        """128 plus the number of the first signal, as in shells. The time limit counts as Ctrl-C."""
         return 128 + (self.signals[0] if self.signals else signal.SIGINT)
 
 
 def seconds(text: str) -> float:
-    """The seconds of a duration: a number of seconds, a number with s, m, h or d, or [[days-]hours:]minutes:seconds.
+    """Converts a duration to seconds.
+
+    The text is a number of seconds, a number with s, m, h or d, or [[days-]hours:]minutes:seconds.
 
     Raises:
         ValueError: it is none of these, or not positive.
@@ -69,12 +71,11 @@ def seconds(text: str) -> float:
 
 @contextmanager
 def heard(limit: float | None = None) -> Iterator[Interrupts]:
-    """Interrupts what is done inside, at the latest shortly before `limit` seconds since the command started.
+    """Interrupts the work inside this context, at the latest shortly before `limit` seconds since the command started.
 
-    KeyboardInterrupt is raised where code of this package runs that does not write files. Raised inside a callback of
-    JAX it would be dropped, or crash what does not expect it; raised inside the writing of a file it would leave the
-    end of the work unsaid. There the signal is remembered, and `Interrupts.check` raises. Signals after the first only
-    count: they do not disturb the end of the work.
+    KeyboardInterrupt is raised only in code of this package that does not write files. Inside a callback of JAX it
+    would be ignored or crash. Inside the writing of a file it would leave the end of the work unrecorded. In these
+    cases the signal is stored, and `Interrupts.check` raises. Later signals are counted but do not interrupt again.
     """
     found = Interrupts()
     package = os.path.dirname(os.path.dirname(__file__)) + os.sep
@@ -98,7 +99,7 @@ def heard(limit: float | None = None) -> Iterator[Interrupts]:
 
 
 def _timers(limit: float, found: Interrupts) -> list[threading.Timer]:
-    """They interrupt the work a while before its limit, and end the process at the limit if that has had no effect."""
+    """Returns timers: one interrupts the work before the limit, one ends the process at the limit if that failed."""
 
     def interrupt():
         found.time_is_up = True
@@ -106,7 +107,7 @@ def _timers(limit: float, found: Interrupts) -> list[threading.Timer]:
 
     def end():
         if not found.has_interrupted:
-            say("stopped by --max-time while a program was compiled; what the file has is kept.")
+            say("stopped by --max-time while a program was compiled; the file keeps what was written.")
             os._exit(found.exit_status)
 
     left = limit - (time.monotonic() - _BEGAN)

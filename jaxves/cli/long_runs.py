@@ -1,6 +1,6 @@
-"""Runs and sweeps from the command line: their progress, exit status, compiled programs that are kept, all cores.
+"""Runs and sweeps from the command line: progress bars, exit statuses, the compilation cache, use of all cores.
 
-Modules that import JAX are imported only in here, once the input has been checked.
+Modules that import JAX are imported inside these functions, after the input has been checked.
 """
 
 import os
@@ -24,11 +24,11 @@ from ..results.sweep_store import SweepRecord
 from . import interrupts
 from .console import BROKE_DOWN, err, out, refused, say
 
-_ROOM = 2**20  # bytes that a program may take: with less it is not worth while
+_ROOM = 2**20  # bytes of free space that the compilation cache needs
 
 
 def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> int:
-    """Runs a scene into the result file, for at most `limit` seconds; returns the exit status."""
+    """Runs a scene and writes the result file, for at most `limit` seconds; returns the exit status."""
     columns = (
         TextColumn("t = {task.completed:.3g} / {task.total:.3g}"),
         BarColumn(),
@@ -62,9 +62,9 @@ def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> i
 
 
 def sweep(file: Path, results: Path, limit: float | None, **how) -> SweepRecord | None:
-    """Computes a sweep file into the file of results, for at most `limit` seconds.
+    """Computes a sweep file and writes the result file, for at most `limit` seconds.
 
-    Returns the record, on the first of several processes.
+    Returns the record in the first of several processes, and None in the others.
     """
     from ..sweeps import processes, sweeping
 
@@ -109,7 +109,7 @@ def sweep(file: Path, results: Path, limit: float | None, **how) -> SweepRecord 
 
 
 def use_all_cores(devices: int | None) -> None:
-    """One device for each core: JAX takes the whole machine for one. To be called before JAX starts."""
+    """Makes one device for each core; by default JAX has one for all cores. Call it before JAX starts."""
     flag = "--xla_force_host_platform_device_count"
     given = os.environ.get("XLA_FLAGS", "")
     if flag not in given:
@@ -119,7 +119,7 @@ def use_all_cores(devices: int | None) -> None:
 
 @contextmanager
 def _interrupted(limit: float | None) -> Iterator[interrupts.Interrupts]:
-    """As `interrupts.heard`; work that cannot keep anything, or has said what it kept, ends with its exit status."""
+    """Like `interrupts.heard`, and turns KeyboardInterrupt into the exit status."""
     with interrupts.heard(limit) as found:
         try:
             yield found
@@ -128,17 +128,17 @@ def _interrupted(limit: float | None) -> Iterator[interrupts.Interrupts]:
 
 
 def _told(found: interrupts.Interrupts) -> int:
-    """Says if it was the limit of time that interrupted the work; returns the exit status."""
+    """Prints a line if the time limit interrupted the work; returns the exit status."""
     if found.time_is_up:
-        say("interrupted to be done before the limit of --max-time.")
+        say("interrupted before the time limit of --max-time.")
     return found.exit_status
 
 
 def keep_compiled() -> None:
-    """Compiled programs are kept between runs, apart for each jaxlib, whose formats differ.
+    """Keeps compiled programs between runs, in a folder for each version of jaxlib, because their formats differ.
 
-    The folder is that of JAX_COMPILATION_CACHE_DIR, or else jaxves in the user's cache folder. Where neither can be
-    written, nothing is kept, and nothing said: the work does not depend on it.
+    The folder is that of JAX_COMPILATION_CACHE_DIR, or `jaxves` in the user's cache folder. If neither can be written,
+    nothing is kept. There is no message, because the work does not depend on it.
     """
     import jax
     import jaxlib
@@ -152,7 +152,7 @@ def keep_compiled() -> None:
 
 
 def _can_be_written(folder: Path) -> bool:
-    """Whether a folder is there or can be made, and has room; False as well where nobody knows the user's home."""
+    """Returns whether a folder exists or can be made, and has room; False if the user's home is not known."""
     try:
         if folder.is_absolute():
             folder.mkdir(parents=True, exist_ok=True)

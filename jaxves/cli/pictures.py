@@ -1,4 +1,4 @@
-"""Which pictures the command line draws of which file, and where it puts them."""
+"""Chooses the figures that `jaxves plot` draws, and the names of their files."""
 
 import enum
 from pathlib import Path
@@ -9,7 +9,7 @@ from . import console
 
 
 class Picture(enum.StrEnum):
-    """What can be drawn of a result."""
+    """The figures that can be drawn of a result."""
 
     snapshots = "snapshots"
     history = "history"
@@ -27,7 +27,7 @@ _SWEPT = {Picture.phases, Picture.map, Picture.curves}
 def of_sweep(
     record: SweepRecord, file: Path, what: list[Picture] | None, quantity: str | None, stem: Path, force: bool
 ) -> None:
-    """Phase diagrams, maps and curves; by default what suits the axes."""
+    """Draws phase diagrams, maps and curves of a sweep. The default depends on the number of axes."""
     for picture in what or ():
         if picture not in _SWEPT:
             raise console.refused(f"--what = {picture}, expected phases, map or curves: {file} is the file of a sweep.")
@@ -56,7 +56,7 @@ def of_sweep(
 
 
 def of_run(record: Record, file: Path, what: list[Picture] | None, at: float | None, stem: Path, force: bool) -> None:
-    """Snapshots and history by default; lines at the time `at`, by default the last."""
+    """Draws figures of a run: by default snapshots and history. `at` is the time of lines, by default the last."""
     if unsuited := _SWEPT & set(what or ()):
         raise console.refused(f"--what = {min(unsuited)}, expected another picture: {file} is not the file of a sweep.")
     if len(record.t) == 0:

@@ -1,4 +1,4 @@
-"""What `jaxves show` says of a result: how it ended, how its quantities went, and how far to trust it.
+"""The text that `jaxves show` prints for a run: its status, its quantities and its error estimates.
 
 Nothing here imports JAX.
 """
@@ -34,7 +34,7 @@ _SHOWN = (
 
 
 def summary(record: Record, path: Path) -> Iterator[RenderableType]:
-    """Lines and tables, one after the other."""
+    """Yields lines and tables."""
     advice = record.attributes["advice"] or status.ADVICE.get(record.status, "")
     unfinished = record.status == status.WORDS[status.RUNNING]
     who = writer_of(path) if unfinished else None
@@ -52,9 +52,9 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     nodes = " or ".join(str(N) for N in np.unique(record.nodes))
     yield f"{M} vesicle{'s' * (M > 1)} of {nodes} nodes, {len(record.t)} saved times"
     if origin := record.attributes.get("started_from"):
-        yield f"started from {origin}, not with the shapes of its scene"
+        yield f"started from {origin} instead of the shapes of the scene"
     if kept := record.attributes.get("symmetry"):
-        yield f"kept symmetric {kept}, as it started; a `disturbance` would show what of it is unstable"
+        yield f"kept symmetric {kept}, like its start: set `disturbance` to test whether this motion is stable"
     if "deformation_along_field" in record.diagnostics:
         codes = classes.classify(record.diagnostics["deformation_along_field"])
         yield "class: " + ", ".join(classes.NAMES[code] for code in codes)
@@ -72,7 +72,7 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
 
 
 def pair_class(record: Record) -> str:
-    """How two vesicles in a field moved about each other."""
+    """Returns the class of the motion of two vesicles in a field."""
     x, y = tomllib.loads(record.scene)["field"]["direction"]
     found = record.diagnostics
     history = (found[name] for name in ("line_angle", "separation", "min_gap"))
@@ -80,18 +80,16 @@ def pair_class(record: Record) -> str:
 
 
 def _error_of_run(record: Record) -> str:
-    """The error of nodes and steps together, and whether the scene amplifies the errors of its steps."""
+    """Returns a line with the error of nodes and steps together, and whether it is much larger than the tolerance."""
     error, tolerance = record.attributes["error"], tomllib.loads(record.scene)["numerics"].get("tolerance")
     if np.isnan(error):
-        return "error of the whole run: not known, because its estimate was interrupted"
+        return "error of the whole run: not known, because the estimate was interrupted"
     if np.isinf(error):
         return "error of the whole run: not known, because runs with other nodes and steps broke down"
     text = f"error of the whole run: about {error:.1e} in x (a) and V_m (a E_inf)"
     if tolerance is None or error <= 10 * tolerance:
         return text
-    return (
-        f"{text}, {error / tolerance:.2g} times the tolerance: more nodes or a lower tolerance would tell which it is"
-    )
+    return f"{text}, {error / tolerance:.2g} times the tolerance: use more nodes or a lower tolerance"
 
 
 def _quantities(record: Record) -> Table:
@@ -109,7 +107,7 @@ def _quantities(record: Record) -> Table:
 
 
 def derivatives(rows: Sequence) -> Iterator[RenderableType]:
-    """The rows of `gradcheck.check_gradients` as a table, and what they come to."""
+    """Yields the rows of `gradcheck.check_gradients` as a table, and a summary line."""
     columns = ("number", "diagnostic", "forward", "reverse", "differences", "modes", "deviation", "± itself", "")
     table = Table(*columns, box=None, padding=(0, 2, 0, 0))
     for row in rows:

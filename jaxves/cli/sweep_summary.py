@@ -1,4 +1,4 @@
-"""What `jaxves show` says of a sweep: how many cases ended how, which of them failed and why, and what was found.
+"""The text that `jaxves show` prints for a sweep: numbers of cases by status, failed cases with reasons, and results.
 
 Nothing here imports JAX.
 """
@@ -34,7 +34,7 @@ _LISTED = 20
 
 
 def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
-    """Lines and tables, one after the other."""
+    """Yields lines and tables."""
     grid = " × ".join(f"{n} {dim}" for dim, n in zip(record.dims, record.status.shape, strict=True))
     wall = record.attributes["wall_time"]
     what = f"{grid}, {record.attributes['nodes']} nodes"
@@ -53,7 +53,7 @@ def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
 
 
 def failures(record: SweepRecord) -> Iterator[str]:
-    """A line for each case that has no good result, with its numbers and the reason, up to a limit."""
+    """Yields a line for each failed case with its numbers and the reason, up to a limit."""
     failed = np.argwhere(~np.isin(record.status, [*status.SUCCESS, *DUE, SKIPPED]))
     for index in map(tuple, failed[:_LISTED].tolist()):
         numbers = ", ".join(f"{name} = {value:.6g}" for name, value in record.at(index).items())

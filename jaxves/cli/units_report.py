@@ -1,4 +1,4 @@
-"""What `jaxves units` prints for one vesicle in SI: numbers, scales, the regime with its limits, tables of a scene."""
+"""The text that `jaxves units` prints: numbers, scales, the regime with the limits of the model, tables of a scene."""
 
 from collections.abc import Iterator
 
@@ -27,19 +27,19 @@ _SCALES = {
 _REGIME = {
     "reynolds": ("", "Reynolds number; the model has no inertia"),
     "voltage": ("V", "1.5 E a, across the charged membrane"),
-    "flow_time": ("s", "μ/(ε E²), for the field to deform it"),
-    "charged_after": ("s", "for the membrane to charge"),
-    "relaxation_time": ("s", "for charge to reach it; neglected"),
-    "wrinkles": ("", "waves into which the field compresses it"),
-    "growth": ("", "ln of their growth; below 1: invisible"),
-    "nodes": ("", "what resolves them, at least 64"),
+    "flow_time": ("s", "μ/(ε E²), time of deformation by the field"),
+    "charged_after": ("s", "charging time of the membrane"),
+    "relaxation_time": ("s", "time for charge to reach the membrane; neglected"),
+    "wrinkles": ("", "number of waves on the compressed membrane"),
+    "growth": ("", "ln of the growth of the waves; invisible below 1"),
+    "nodes": ("", "nodes that resolve the waves, at least 64"),
 }
 
 
 def conversion(physical: LabQuantities, reduced_area: float) -> Iterator[RenderableType]:
-    """Dimensionless numbers, what to multiply results by, the regime with a line for each limit, [field] and [flow].
+    """Yields the dimensionless numbers, the units of results, the regime with a line for each limit, and scene tables.
 
-    The reduced area, in (0, 1), enters the regime alone.
+    The reduced area, in (0, 1), is used for the regime only.
     """
     numbers, scales = _floats(physical.numbers()), _floats(physical.scales())
     table = Table("number", "", "meaning", box=None, padding=(0, 2, 0, 0))
@@ -78,7 +78,7 @@ def _floats(tree: eqx.Module) -> dict[str, float]:
 
 
 def tables(numbers: dict[str, float]) -> dict[str, dict]:
-    """The tables of a scene file that these numbers make; none for a field or a flow that is absent."""
+    """Returns the tables [field] and [flow] of a scene file with these numbers, if they are not zero."""
     found = {}
     if numbers["beta"] != 0:
         found["field"] = {number.key: numbers[number.key] for number in _NUMBERS if number.table == "field"}
