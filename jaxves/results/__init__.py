@@ -1,10 +1,10 @@
 """Result files. Nothing in this folder imports JAX.
 
-hdf5            common pieces: opening, writing without loss, scales of axes
-ownership       one process, one file
-run_store       reading the file of a run
-run_writer      writing it
-restart         what a run needs to continue
-sweep_store     reading the file of a sweep
-sweep_writer    writing it
+hdf5            functions for all files: opening, safe replacement, axes and labels
+ownership       locks, so that each file has one writer
+run_store       reads the file of a run
+run_writer      writes the file of a run
+restart         the restart state of a run
+sweep_store     reads the file of a sweep
+sweep_writer    writes the file of a sweep
 """

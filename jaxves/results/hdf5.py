@@ -1,8 +1,8 @@
-"""HDF5 below result files: files replaced as a whole, datasets with labels and room to fill.
+"""HDF5 functions for result files: safe replacement of files, datasets with labels and allocated space.
 
-Names are netCDF's: the datasets `/t`, `/vesicle`, `/node`, `/xy` (and `/ab`, second axis of a tensor) are attached
-to the others as dimension scales, so that xarray and HDFView label the axes. A group has soft
-links to the scales of its datasets, so that it has times and other coordinates when it is opened alone, too.
+Axes are named as in netCDF: the datasets `/t`, `/vesicle`, `/node`, `/xy` (and `/ab`, the second axis of a tensor) are
+attached to the others as dimension scales, so that xarray and HDFView label the axes. A group has soft links to the
+scales of its datasets. It therefore has its coordinates also when it is opened without the rest of the file.
 """
 
 import os
@@ -27,11 +27,11 @@ _SCALES = {
 
 
 class StoreError(Exception):
-    """A result file cannot be written or read; the message is one line which names the file."""
+    """A result file cannot be written or read. The message is one line that names the file."""
 
 
 class Description(NamedTuple):
-    """What a dataset holds: its units, its name in words, and its axes, the first of them "t"."""
+    """A description of a dataset: units, name in words, and axes, of which the first is "t"."""
 
     units: str
     long_name: str
@@ -41,7 +41,7 @@ class Description(NamedTuple):
 
 @contextmanager
 def named_errors(verb: str, path: Path) -> Iterator[None]:
-    """Turns failures of the disk, which HDF5 words over several lines, into a StoreError: "cannot `verb` `path`: …"."""
+    """Turns errors of the disk, which HDF5 reports in several lines, into a StoreError "cannot `verb` `path`: …"."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -51,27 +51,27 @@ def named_errors(verb: str, path: Path) -> Iterator[None]:
 
 
 def opened(path: Path, mode: str) -> h5py.File:
-    """The HDF5 file, without HDF5's own lock.
+    """Opens an HDF5 file without the lock of HDF5.
 
-    That would keep other programs from opening the file of a run that goes on, and a notebook that has a file open from
-    having its run continued. That a file has one writer is the matter of `ownership`.
+    With that lock, other programs could not open the file of a running run, and a run could not continue while a
+    notebook has its file open. `ownership` ensures that a file has one writer.
     """
     try:
         return h5py.File(path, mode, locking=False)
     except OSError as error:
         if "locking flag" not in str(error):
             raise
-        return h5py.File(path, mode)  # this process has it open already, with a lock, and HDF5 wants the same again
+        return h5py.File(path, mode)  # this process has the file open with a lock, and HDF5 requires the same again
 
 
 class OpenFile:
-    """A file held open for adding to it: a context manager."""
+    """A file that is kept open for writing; a context manager."""
 
     path: Path
     _file: h5py.File
 
     def close(self) -> None:
-        """Closes the file; what was written is in it with or without this."""
+        """Closes the file. What was written is in the file also without this."""
         with named_errors("write", self.path):
             self._file.close()
 
@@ -83,7 +83,7 @@ class OpenFile:
 
 
 def refuse_special(path: Path) -> None:
-    """Raises StoreError for what is there and no file: a folder, or a device such as /dev/null."""
+    """Raises StoreError if the path is a folder, or a device such as /dev/null."""
     if path.is_dir():
         raise StoreError(f"{path} is a folder, expected the name of a file.")
     if path.exists() and not path.is_file():
@@ -92,10 +92,10 @@ def refuse_special(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, copy: bool = False) -> Iterator[h5py.File]:
-    """A new file, or a copy of the old one, which takes the name `path` once it is complete and on the disk.
+    """Yields a new file, or a copy of the old one. It gets the name `path` when it is complete and on the disk.
 
     Raises:
-        StoreError: the name is that of a folder, a device or the like, which nothing may replace.
+        StoreError: the path is a folder or a device.
     """
     refuse_special(path)
     part = path.with_name(path.name + ".part")
@@ -112,7 +112,7 @@ def replacing(path: Path, copy: bool = False) -> Iterator[h5py.File]:
 
 
 def create_datasets(file: h5py.File, datasets: dict[str, Description], sizes: dict[str, int]) -> None:
-    """Empty datasets with all their space, and the scales of their axes, of these sizes."""
+    """Creates empty datasets with all their space allocated, and the scales of their axes with these sizes."""
     early = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     early.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     for name, described in datasets.items():
@@ -140,7 +140,7 @@ def create_datasets(file: h5py.File, datasets: dict[str, Description], sizes: di
 
 
 def link_scales(group: h5py.Group) -> None:
-    """Gives a group links to those scales of the root that its datasets are attached to."""
+    """Adds links to a group, to the scales of its datasets."""
     for dataset in datasets_below(group).values():
         for dim in (axis[0].name.removeprefix("/") for axis in dataset.dims):
             if dim not in group:
@@ -155,7 +155,7 @@ def _label(file: h5py.File, dataset: h5py.Dataset, units: str, long_name: str, d
 
 
 def create_average(file: h5py.File, name: str, value) -> None:
-    """The time average of a diagnostic, labelled like it."""
+    """Creates the time average of a diagnostic, with the same units and axes."""
     of = file[f"diagnostics/{name}"]
     dims = [axis[0].name.removeprefix("/") for axis in of.dims][1:]
     dataset = file.create_dataset(f"averages/{name}", data=value)
@@ -164,15 +164,15 @@ def create_average(file: h5py.File, name: str, value) -> None:
 
 
 def delete_averages(file: h5py.File) -> None:
-    """Takes them out, to be made anew."""
+    """Deletes the time averages, which are computed again at the end of a continued run."""
     for dataset in datasets_below(file["averages"]).values():
         for axis in dataset.dims:
-            axis.detach_scale(axis[0])  # or the scale would go on referring to it
+            axis.detach_scale(axis[0])  # otherwise the scale would still refer to the dataset
     del file["averages"]
 
 
 def datasets_below(group: h5py.Group) -> dict[str, h5py.Dataset]:
-    """Every dataset below a group, by its path in it."""
+    """Returns all datasets below a group, by their paths relative to it."""
     found = {}
 
     def visit(name, item):
@@ -184,5 +184,5 @@ def datasets_below(group: h5py.Group) -> dict[str, h5py.Dataset]:
 
 
 def histories(file: h5py.File) -> dict[str, h5py.Dataset]:
-    """The datasets with one row per saved time: those which can grow."""
+    """Returns the datasets with one row per saved time, by their paths."""
     return {name: dataset for name, dataset in datasets_below(file).items() if dataset.maxshape[:1] == (None,)}

@@ -1,8 +1,8 @@
-"""Each result file has one writer, and a writer notices when its file is taken away.
+"""Locks of result files: each file has one writer, and a writer notices if its file is removed or replaced.
 
-A process that writes FILE holds a lock on `.FILE.lock` beside it. The lock is one of the operating system, so it ends
-with the process, however that ends; a lock file that a killed process has left does not block anyone. FILE itself
-cannot carry the lock, because a complete new file replaces it at the start and at the end of a run.
+A process that writes FILE holds a lock on `.FILE.lock` in the same folder. It is a lock of the operating system, which
+ends with the process in any case. The lock file of a killed process does not block others. FILE itself cannot have the
+lock, because a complete new file replaces it at the start and at the end of a run.
 """
 
 import errno
@@ -18,33 +18,33 @@ import h5py
 
 try:
     import fcntl
-except ImportError:  # Windows, where nobody can remove or replace a file that is open
+except ImportError:  # Windows, where an open file cannot be removed or replaced
     fcntl = None
     import msvcrt
 
 from .hdf5 import StoreError, named_errors, refuse_special
 
-_PATIENCE = 0.5  # seconds; `writer_of` holds the lock for an instant
+_PATIENCE = 0.5  # seconds to wait for the lock, because `writer_of` holds it for an instant
 _BLOCK = 2**20
-_BEYOND = 2**30  # the byte that is locked on Windows, where one cannot read what is locked
+_BEYOND = 2**30  # on Windows this byte is locked, because locked bytes cannot be read
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 
 
 class LostFile(StoreError):
-    """The file was removed or replaced while it was written; the message names the copy that holds what it had."""
+    """The file was removed or replaced while it was written. The message names a copy with its content."""
 
 
 def real(path: str | os.PathLike) -> Path:
-    """The file that is written for this path: where `path` is a symbolic link, the file it points to."""
+    """Returns the file that is written for this path: the target if `path` is a symbolic link."""
     path = Path(path)
     return path.resolve() if path.is_symlink() else path
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Makes this the only process, and the only run in this process, that writes the file.
+    """Makes this run the only one that writes the file, in this process and in others.
 
-    On a file system without locks nothing is excluded.
+    On a file system without locks it has no effect.
 
     Raises:
         StoreError: another run writes the file, or its folder cannot be written.
@@ -55,14 +55,14 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # The name goes first: whoever has opened the file meanwhile sees that it is no longer the lock.
+        # The lock file is removed first. A process that has opened it then sees that it is no longer the lock.
         with suppress(PermissionError):  # Windows
             _lock_of(path).unlink(missing_ok=True)
         os.close(descriptor)
 
 
 def refuse_written(path: str | os.PathLike) -> None:
-    """Raises StoreError if a process writes the file, or if it is no file; a quick answer that `writing` makes sure."""
+    """Raises StoreError if a process writes the file, or if it is a folder or device. `writing` checks this again."""
     refuse_special(Path(path))
     if (who := writer_of(Path(path))) is not None:
         raise _taken(real(path), who)
@@ -73,7 +73,7 @@ def _taken(path: Path, who: str) -> StoreError:
 
 
 def writer_of(path: Path) -> str | None:
-    """Which process writes the file, as "process 1234 on host"; None if none does."""
+    """Returns the process that writes the file, as "process 1234 on host", or None."""
     try:
         descriptor = os.open(_lock_of(real(path)), os.O_RDONLY)
     except OSError:
@@ -87,10 +87,10 @@ def writer_of(path: Path) -> str | None:
 
 
 def check_in_place(file: h5py.File, path: Path) -> None:
-    """Makes sure that `path` is still the name of the open file.
+    """Checks that `path` is still the name of the open file.
 
     Raises:
-        LostFile: it is not. The content of the open file has been copied to a free name beside it.
+        LostFile: it is not. The content of the open file was copied to an unused name in the same folder.
     """
     if fcntl is None or _is_at(descriptor := file.id.get_vfd_handle(), path):
         return
@@ -129,11 +129,14 @@ def _locked(path: Path) -> int:
             os.lseek(descriptor, 0, os.SEEK_SET)
             os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
             return descriptor
-        os.close(descriptor)  # its holder removed it just now
+        os.close(descriptor)  # its owner has just removed it
 
 
 def _opened_lock(lock: Path) -> tuple[int, bool]:
-    """The lock file, made if there is none; and whether it may be written, as one that another user left may not."""
+    """Opens the lock file, which is created if necessary; returns whether it is writable, too.
+
+    It is not writable if another user's process has left it.
+    """
     try:
         return os.open(lock, os.O_RDWR | os.O_CREAT, 0o666), True
     except PermissionError:
@@ -141,7 +144,11 @@ def _opened_lock(lock: Path) -> tuple[int, bool]:
 
 
 def _got_lock(descriptor: int, shared: bool = False) -> bool:
-    """Takes the lock of an open file if it is free; closing the file gives it back. OSError where there are none."""
+    """Takes the lock of an open file if it is free; closing the file releases it.
+
+    Raises:
+        OSError: the file system has no locks.
+    """
     try:
         if fcntl is not None:
             fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
@@ -166,7 +173,7 @@ def _who(descriptor: int) -> str:
 
 
 def _copied(descriptor: int, path: Path) -> Path:
-    """The name of a new file beside `path` with all bytes of an open one."""
+    """Copies an open file to a new file in the folder of `path`; returns its name."""
     names = (path.with_name(f"{path.stem}.lost{number or ''}{path.suffix}") for number in itertools.count())
     kept = next(name for name in names if not os.path.lexists(name))
     with open(kept, "xb") as copy:

@@ -1,9 +1,9 @@
-"""The state that a run continues from, in its result file: two slots, `/restart/a` and `/restart/b`, written in turn.
+"""The restart state of a run in its result file: two slots, `/restart/a` and `/restart/b`, which are written in turn.
 
-The dataset `state` of a slot holds the arrays of the state as the bytes of a NumPy archive (`.npz`), which are as many
-every time as long as no array changes its shape. It is its own dimension scale: netCDF has no arrays without named
-dimensions, and xarray would not open a file with some. The attribute `saved` of a slot says how many rows of the file
-its state belongs to; the valid slot is the one that agrees with the root's `saved`.
+The dataset `state` of a slot has the arrays of the state as the bytes of a NumPy archive (`.npz`). Their number is
+constant as long as no array changes its shape. The dataset is its own dimension scale, because netCDF requires named
+dimensions and xarray would not open the file otherwise. The attribute `saved` of a slot is the number of rows to which
+its state belongs. The valid slot is the one whose `saved` equals that of the root.
 
 Files of schema version 1 have one dataset for each array instead.
 """
@@ -16,11 +16,11 @@ import numpy as np
 from .hdf5 import datasets_below
 
 SLOTS = ("restart/a", "restart/b")
-_RENAMED = {"y/V_m": "y/scalars/V_m"}  # of files that were written before a state had several scalars
+_RENAMED = {"y/V_m": "y/scalars/V_m"}  # for files from before a state had several scalars
 
 
 def packed(leaves: dict[str, np.ndarray]) -> np.ndarray:
-    """The arrays of a state, by name, as bytes (B,); none for no array."""
+    """Returns the arrays of a state, by name, as bytes (B,); empty if there are no arrays."""
     if not leaves:
         return np.zeros(0, np.uint8)
     archive = io.BytesIO()
@@ -29,7 +29,7 @@ def packed(leaves: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def leaves_in(slot: h5py.Group) -> dict[str, np.ndarray]:
-    """The arrays of the state in a slot, by name; {} if it holds none."""
+    """Returns the arrays of the state in a slot, by name; {} if the slot is empty."""
     if slot.file.attrs["schema_version"] == 1:
         found = {name: np.asarray(leaf[()]) for name, leaf in datasets_below(slot).items()}
     elif "state" not in slot:
@@ -41,7 +41,7 @@ def leaves_in(slot: h5py.Group) -> dict[str, np.ndarray]:
 
 
 def create_slot(file: h5py.File, name: str, state: np.ndarray) -> None:
-    """A slot with room for the bytes of `state`, valid for no row; replaces the one that is there."""
+    """Creates a slot with the bytes of `state` that is not valid for any row; replaces an existing one."""
     if name in file:
         del file[name]
     slot = file.create_group(name)
@@ -53,18 +53,18 @@ def create_slot(file: h5py.File, name: str, state: np.ndarray) -> None:
 
 
 def room(slot: h5py.Group) -> int:
-    """How many bytes a state in this slot has."""
+    """Returns the number of bytes of the state in this slot."""
     return len(slot["state"]) if "state" in slot else 0
 
 
 def slots(file: h5py.File) -> tuple[h5py.Group, h5py.Group]:
-    """The slot which belongs to the saved rows, and the other."""
+    """Returns the slot that belongs to the saved rows, and the other one."""
     a, b = (file[name] for name in SLOTS)
     return (a, b) if a.attrs["saved"] == file.attrs["saved"] else (b, a)
 
 
 def convert(file: h5py.File) -> None:
-    """Brings the slots of a file of schema version 1 to the form of this version."""
+    """Converts the slots of a file of schema version 1 to the form of this version."""
     found = {name: (packed(leaves_in(file[name])), file[name].attrs["saved"]) for name in SLOTS}
     for name, (state, saved) in found.items():
         create_slot(file, name, state)

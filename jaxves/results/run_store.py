@@ -1,7 +1,7 @@
-"""What the result file of a run holds, and reading it. `run_writer` writes it and describes how.
+"""The contents of the result file of a run, and functions that read it. `run_writer` describes how it is written.
 
-`/t` holds all saved times from the start, also those whose rows are still to come and hold NaN, so that a file can be
-opened and selected from by time while it is written. The root attribute `saved` says how many rows count.
+`/t` has all saved times from the start, also those whose rows are not written yet and are NaN. The file can therefore
+be opened and selected by time while it is written. The root attribute `saved` is the number of valid rows.
 """
 
 import os
@@ -28,10 +28,10 @@ HISTORY = {
 
 @dataclass(frozen=True)
 class Record:
-    """What a result file says; arrays have the saved times as their first axis, `averages` has none.
+    """The contents of a result file. The first axis of arrays is the saved times, except in `averages`.
 
     `t` (T,), `x` (T, M, N, 2), `V_m` (T, M, N) or None without a field, `tension` (T, M, N), `nodes` (T, M),
-    `steps` (T,).
+    `steps` (T,). `scene` is the scene as TOML.
     """
 
     t: np.ndarray
@@ -48,13 +48,13 @@ class Record:
 
 
 def read_result(path: str | os.PathLike) -> Record:
-    """Everything a result file says, up to the last saved row; finished, broken off or still being written.
+    """Reads a result file up to the last saved row. The run may be complete, interrupted or still running.
 
     Raises:
-        StoreError: no such file, not a result file, or one of a later version.
+        StoreError: the file does not exist, is not a result file, or has a later version.
     """
     path = Path(path)
-    # A run may be writing it; since it only adds rows, reading beside it is safe.
+    # A run may be writing the file. It only adds rows, so reading at the same time is safe.
     with named_errors("read", path), open_result(path) as file:
         attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
         rows = {name: dataset[: attributes["saved"]] for name, dataset in histories(file).items()}
@@ -75,10 +75,10 @@ def read_result(path: str | os.PathLike) -> Record:
 
 
 def state(path: str | os.PathLike) -> dict[str, np.ndarray]:
-    """The arrays of the state that a run in this file continues from, by name; the file is left as it is.
+    """Returns the arrays of the restart state, by name. The file is not changed.
 
     Raises:
-        StoreError: not a result file, or one without a state.
+        StoreError: the file is not a result file, or has no restart state.
     """
     path = Path(path)
     with named_errors("resume", path), open_result(path) as file:
@@ -90,10 +90,10 @@ def state(path: str | os.PathLike) -> dict[str, np.ndarray]:
 
 
 def open_result(path: Path) -> h5py.File:
-    """The open file of a run, for reading.
+    """Opens the file of a run for reading.
 
     Raises:
-        StoreError: no such file, not a result file, or one of a later version.
+        StoreError: the file does not exist, is not a result file, or has a later version.
     """
     refuse_special(path)
     if not path.exists():

@@ -1,15 +1,15 @@
-"""Writing the result file of a run: HDF5 which survives the death of the run that writes it.
+"""Writes the result file of a run in HDF5. The file stays valid if the process is killed.
 
-The file is changed in two ways only, and a process killed at any moment leaves a whole one:
+The file is changed in only two ways. A process that is killed at any moment leaves a valid file:
 
-- *Structure* (the first skeleton, the trimming at the end) is made under the temporary name `….part`, which
-  replaces the file when it is complete and on the disk. A full disk spoils the temporary file only.
-- *Values* go into space allocated beforehand, so that no index of the file is touched. Rows and restart state are
-  flushed first; then one number, the root attribute `saved`, says that they count.
+- *Structure* (the empty file at the start, the removal of unused rows at the end) is written under the temporary name
+  `….part`. It replaces the file when it is complete and on the disk. A full disk damages only the temporary file.
+- *Values* are written into space that was allocated before, so no index of the file changes. Rows and restart state are
+  flushed first. Then the root attribute `saved` is increased, which makes them valid.
 
-The restart state has two slots, written in turn; each tells how many rows it belongs to, and the valid one is the one
-which agrees with the root's `saved` (`restart`). Rows and state thus never part.
-Blocks are flushed to the operating system, not to the disk: they survive the process, not surely a power cut.
+The restart state has two slots, which are written in turn. Each has the number of rows it belongs to. The valid slot is
+the one that agrees with `saved` of the root (`restart`), so rows and state always belong together. Blocks are flushed
+to the operating system but not to the disk. They survive the end of the process, but not always a power cut.
 """
 
 import os
@@ -41,18 +41,17 @@ from .run_store import SCHEMA_VERSION, open_result
 
 
 class Writer(OpenFile):
-    """Writes one run, block after block; a context manager.
+    """Writes one run, block by block; a context manager.
 
     Args:
-        path: the file; complete from the start, with rows of NaN, and `status` "running".
-        scene_text: the scene as TOML, complete with defaults.
+        path: the file. It has all rows from the start, filled with NaN, and `status` "running".
+        scene_text: the scene as TOML, with all defaults.
         attributes: further root attributes.
-        times: the saved times (T,) if the run reaches its end, t = 0 included.
+        times: all saved times (T,) of a complete run, with t = 0.
         vesicles: M.
         nodes: N.
-        datasets: what is saved, by its path in the file; "t" must be among them. Most others are in `HISTORY` of
-            `run_store`.
-        force: replace a file which is already there, as soon as the new one is complete.
+        datasets: descriptions of the datasets, by path in the file. "t" must be among them. `run_store.HISTORY` has
+        most. force: replace an existing file, as soon as the new one is complete.
 
     Raises:
         StoreError: the file exists and `force` is not set, or it cannot be written.
@@ -103,16 +102,16 @@ class Writer(OpenFile):
         self._valid, self._free = restart.slots(self._file)
 
     def append(self, block: dict[str, np.ndarray], leaves: dict[str, np.ndarray]) -> None:
-        """Adds saved times and the state to continue from, both or neither; done when this returns.
+        """Adds saved times together with the restart state. They are in the file when this returns.
 
         Args:
             block: all datasets, each with the new saved times as its first axis.
-            leaves: the arrays of the state after the last of these times; {} if nobody will continue.
+            leaves: the arrays of the state after the last of these times; {} for a run that cannot be continued.
 
         Raises:
             ValueError: names or shapes are not those of the file.
             StoreError: the file cannot be written.
-            LostFile: it was removed or replaced; a copy holds all that was added.
+            LostFile: the file was removed or replaced; a copy has everything that was added.
         """
         saved, state = self.saved + self._checked_count(block), restart.packed(leaves)
         with named_errors("write", self.path):
@@ -135,11 +134,11 @@ class Writer(OpenFile):
 
     @property
     def names(self) -> list[str]:
-        """What is saved of each time; a file of an earlier version may lack diagnostics that there are now."""
+        """The names of the datasets. A file of an earlier version may not have all diagnostics of this version."""
         return list(self._rows)
 
     def diagnostics(self) -> dict[str, np.ndarray]:
-        """The diagnostics of all saved times."""
+        """Returns the diagnostics of all saved times."""
         start = "diagnostics/"
         return {
             name.removeprefix(start): dataset[: self.saved]
@@ -148,7 +147,7 @@ class Writer(OpenFile):
         }
 
     def row(self, i: int) -> dict[str, np.ndarray]:
-        """All that was saved of one time."""
+        """Returns everything that was saved at time number i."""
         return {name: dataset[i] for name, dataset in self._rows.items()}
 
     def finish(
@@ -160,14 +159,19 @@ class Writer(OpenFile):
         links: dict[str, certificate.Link] | None = None,
         error: float | None = None,
     ) -> None:
-        """Cuts off the rows never written and says how the run ended.
+        """Removes rows that were not written, and stores how the run ended.
 
-        `wall_time` in seconds adds to that of earlier parts of a resumed run; `averages` over time are
-        named like the diagnostics they belong to; `links` are the certificate, `error` is the estimated error of
-        the whole run, NaN where its estimate was interrupted, infinite where no second run arrived.
+        Args:
+            status: the status word.
+            advice: the line of advice.
+            wall_time: seconds of this part of the run; added to those of earlier parts.
+            averages: time averages, by the names of their diagnostics.
+            links: the certificate.
+            error: the estimated error of the whole run. It is NaN if the estimate was interrupted, infinite if every
+                second run broke down, and None if it was not asked for.
         """
         with named_errors("write", self.path), self._rebuilding() as file:
-            # The file's own count: an interrupt may have come between its commit and `self.saved`.
+            # The count in the file is used, because an interrupt may have come before `self.saved` was set.
             for dataset in histories(file).values():
                 dataset.resize(file.attrs["saved"], axis=0)
             for name, value in (averages or {}).items():
@@ -203,7 +207,7 @@ class Writer(OpenFile):
 
 
 def _certify(file: h5py.File, links: dict[str, certificate.Link]) -> None:
-    """One labelled number a link in `/certificate`, and which is the weakest."""
+    """Writes each link of the certificate as a labelled number, and the name of the weakest one."""
     group = file.create_group("certificate")
     for name, link in links.items():
         group[name] = link.value
@@ -213,15 +217,15 @@ def _certify(file: h5py.File, links: dict[str, certificate.Link]) -> None:
 
 
 def resume(path: str | os.PathLike, scene_text: str, times: np.ndarray) -> Writer:
-    """A writer which goes on after the last saved row. A file of schema version 1 is brought to the present one.
+    """Returns a writer that continues after the last saved row. A file of schema version 1 is converted.
 
     Args:
         path: the file.
-        scene_text: as in `Writer`; the file's own, or one that asks for more saved times.
-        times: all saved times (T,) if the run reaches its end, those that the file has already first.
+        scene_text: the scene, as in `Writer`; it may ask for more saved times than that in the file.
+        times: all saved times (T,) of a complete run, beginning with those in the file.
 
     Raises:
-        StoreError: not a result file, one of a later version, or one that cannot be written.
+        StoreError: the file is not a result file, has a later version, or cannot be written.
     """
     path = Path(path)
     with named_errors("resume", path):
@@ -234,7 +238,7 @@ def resume(path: str | os.PathLike, scene_text: str, times: np.ndarray) -> Write
 
 
 def _reopen(file: h5py.File, scene_text: str, times: np.ndarray) -> None:
-    """Makes room for the rows still to come, and takes out what only a run that has ended can say."""
+    """Allocates the remaining rows, and deletes what belongs to a finished run: averages, certificate, error."""
     if file.attrs["schema_version"] == 1:
         restart.convert(file)
         link_scales(file["diagnostics"])

@@ -1,9 +1,9 @@
-"""Writing the file of a sweep: a labelled grid in HDF5, which survives the death of the sweep that writes it.
+"""Writes the file of a sweep: a labelled grid in HDF5. The file stays valid if the process is killed.
 
-All space is allocated at the start. A case's values are flushed first; then its `/status` turns from "pending" into a
-word, which makes it count: of two datasets, a sudden death could leave one new and one old.
+All space is allocated at the start. The values of a case are flushed first. Then its `/status` changes from "pending"
+to another word, which makes the case valid. A process that is killed in between leaves the case "pending".
 
-Several processes write one such file each; the first of them merges them (`merge`).
+Several processes write one such file each, and the first process merges them (`merge`).
 """
 
 import platform
@@ -24,7 +24,7 @@ _WORD = "S16"
 
 
 class SweepWriter(OpenFile):
-    """Writes cases as they come; a context manager. Use `create` or `reopen`."""
+    """Writes cases in any order; a context manager. It opens an existing file; `create` makes a new one."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -45,15 +45,15 @@ class SweepWriter(OpenFile):
         *,
         force: bool = False,
     ) -> "SweepWriter":
-        """A new file with room for all cases, refused ones marked.
+        """Creates a file with room for all cases, and marks refused ones.
 
         Args:
             path: the file.
             plan: the cases.
-            variables: what is kept of each, by name.
+            variables: the variables of each case, by name.
             sizes: lengths of the dimensions besides those of the grid.
             attributes: further root attributes.
-            force: replace a file which is there.
+            force: replace an existing file.
 
         Raises:
             StoreError: the file exists and `force` is not set, or it cannot be written.
@@ -74,7 +74,7 @@ class SweepWriter(OpenFile):
                     **attributes,
                 }
             )
-            # No attribute: those end at 64 KiB, which a list of cases may exceed.
+            # This is not an attribute, because attributes are limited to 64 KiB and a list of cases may be longer.
             file["sweep"] = to_toml(plan.sweep_file)
             file["sweep"].attrs.update(units="1", long_name="the sweep as TOML, complete with scene and defaults")
             _create_scales(file, plan, sizes)
@@ -86,7 +86,7 @@ class SweepWriter(OpenFile):
             words[list(plan.refused)] = REFUSED.encode()
             file["status"][...] = words.reshape(plan.shape)
             if plan.refused:
-                # Only at the beginning: strings of any length have no place of their own.
+                # They are written only here, because strings of variable length have no allocated space.
                 texts = [plan.refused.get(i, "") for i in range(prod(plan.shape))]
                 complaints = file.create_dataset(
                     "complaint", plan.shape, data=np.array(texts, object).reshape(plan.shape), dtype=h5py.string_dtype()
@@ -95,7 +95,7 @@ class SweepWriter(OpenFile):
         return cls(path)
 
     def write(self, cases: np.ndarray, words: list[str], passes: int, outcomes: dict[str, np.ndarray]) -> None:
-        """Adds these cases, all or none of each; done when this returns. `outcomes` have the cases as first axis."""
+        """Adds these cases, each completely or not at all. The first axis of `outcomes` is the cases."""
         with named_errors("write", self.path):
             done = np.array([word not in DUE for word in words])
             for first, last in _runs(cases, self._shape):
@@ -113,18 +113,18 @@ class SweepWriter(OpenFile):
             check_in_place(self._file, self.path)
 
     def mark(self, cases: np.ndarray, word: str) -> None:
-        """Gives these cases a status and nothing else."""
+        """Sets only the status of these cases."""
         with named_errors("write", self.path):
             self.status[cases] = word.encode()
             self._file["status"][...] = self.status.reshape(self._shape)
             self._file.flush()
 
     def merge(self, other: Path) -> None:
-        """Takes over what another file of the same sweep has more."""
+        """Copies the cases that are further advanced in another file of the same sweep."""
         with named_errors("read", other), open_sweep(other, "r") as file:
             words, passes = file["status"][...].ravel(), file["passes"][...].ravel()
             news = np.flatnonzero(_progressed(words) > _progressed(self.status))
-            # A few at a time: there may be more than memory holds.
+            # A few at a time, because all of them may not fit into memory.
             for part in np.array_split(news, max(1, len(news) // 64)):
                 places = [np.unravel_index(case, self._shape) for case in part]
                 for given in np.unique(passes[part]):
@@ -137,7 +137,7 @@ class SweepWriter(OpenFile):
                     self.write(part[chosen], [word.decode() for word in words[part][chosen]], int(given), found)
 
     def finish(self, word: str, wall_time: float) -> None:
-        """Says how this sitting ended; `wall_time` in seconds adds to that of earlier ones."""
+        """Stores how this call of `sweep` ended. `wall_time` in seconds is added to that of earlier calls."""
         self._file.close()
         with named_errors("write", self.path), replacing(self.path, copy=True) as file:
             file.attrs.update(status=word, wall_time=file.attrs["wall_time"] + wall_time)
@@ -149,12 +149,12 @@ class SweepWriter(OpenFile):
 
 
 def _progressed(words: np.ndarray) -> np.ndarray:
-    """How far these cases have come: an order of their status."""
+    """Returns how far these cases have advanced, as numbers."""
     return np.where(words == PENDING.encode(), 0, np.where(words == AGAIN.encode(), 1, 2))
 
 
 def _runs(cases: np.ndarray, shape: tuple[int, ...]):
-    """Stretches of consecutive cases in one row of the grid, as pairs of positions in `cases`."""
+    """Returns ranges of consecutive cases in one row of the grid, as pairs of positions in `cases`."""
     cuts = [i for i in range(1, len(cases)) if cases[i] != cases[i - 1] + 1 or cases[i] % shape[-1] == 0]
     return list(pairwise([0, *cuts, len(cases)])) if len(cases) else []
 
