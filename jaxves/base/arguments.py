@@ -51,6 +51,25 @@ def require_count(argument: str, value: Any, least: int = 1) -> None:
         raise refusal(argument, value, f"a whole number >= {least}")
 
 
+def require_instants(argument: str, value: Any) -> None:
+    """Raises ValueError unless `value` is a flat list of times after 0; known ones must be finite and increase."""
+    wanted = "a flat list of finite times that increase from above 0"
+    try:
+        shape = np.shape(value)
+    except ValueError:
+        raise refusal(argument, value, wanted) from None
+    if len(shape) != 1 or shape[0] == 0:
+        raise refusal(argument, value, wanted)
+    if not is_known(value):
+        return
+    times = np.asarray(value)
+    if times.dtype.kind not in "iuf":
+        raise refusal(argument, value, wanted)
+    wrong = np.flatnonzero(~(np.isfinite(times) & (np.diff(times, prepend=0) > 0)))
+    if len(wrong):
+        raise refusal(f"{argument}[{wrong[0]}]", times[wrong[0]], wanted)
+
+
 def require_nodes(argument: str, value: Any) -> None:
     """Raises ValueError unless `value` is a possible number of nodes: even, and at least 4."""
     require_count(argument, value, 4)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..base import status
-from ..base.arguments import is_known, refusal, require, require_count
+from ..base.arguments import is_known, refusal, require, require_count, require_instants
 from ..base.bounds import FINITE, POSITIVE
 from ..equation.equation import Equation, equation_for
 from ..equation.projection import Filter
@@ -65,9 +65,10 @@ class Result(eqx.Module):
 
 def simulate(
     scene: Scene,
-    t_end,
+    t_end=None,
     *,
-    saves: int = 50,
+    saves: int | None = None,
+    times=None,
     march: AbstractMarch | None = None,
     average=None,
     checks: Checks | None = None,
@@ -75,7 +76,9 @@ def simulate(
     solver: AbstractSolver | None = None,
     coupling: AbstractCoupling | None = None,
 ) -> Result:
-    """Runs a scene to `t_end`, saving at `saves` equally spaced instants besides t = 0.
+    """Runs a scene to `t_end` with equally spaced saved instants, or through the saved instants `times`.
+
+    t = 0 is saved in both cases, as the first row of the result.
 
     Pure: use it under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them. It is compiled once for
     scenes of the same structure; `jax.jit` around the caller saves more. Where a run broke down, values are NaN and
@@ -83,8 +86,9 @@ def simulate(
 
     Args:
         scene: what is simulated.
-        t_end: when it ends, in t_κ.
-        saves: number of saved instants besides t = 0.
+        t_end: when it ends, in t_κ; not with `times`.
+        saves: number of saved instants besides t = 0, 50 where it is not given; not with `times`.
+        times: the saved instants after t = 0, in t_κ, in increasing order, (K,). The run ends at the last of them.
         march: how steps are chosen; `Adaptive()` where it is not given.
         average: a window (start, end) of time averages.
         checks: limits beyond which a result is no result.
@@ -98,42 +102,66 @@ def simulate(
     """
     march = Adaptive() if march is None else march
     checks = Checks() if checks is None else checks
-    _check_arguments(scene, t_end, saves, march, average, checks)
+    _check_kinds(scene, march, checks)
+    _check_times(t_end, saves, times)
+    _check_average(average, t_end, times)
     average = None if average is None else as_float(average)
-    return _simulated(scene, as_float(t_end), saves, march, average, checks, filter, solver, coupling)
+    saved = (as_float(t_end), 50 if saves is None else saves) if times is None else as_float(times)
+    return _simulated(scene, saved, march, average, checks, filter, solver, coupling)
 
 
-def _check_arguments(scene, t_end, saves, march, average, checks) -> None:
+def _check_kinds(scene, march, checks) -> None:
     kinds = {"scene": (scene, Scene), "march": (march, AbstractMarch), "checks": (checks, Checks)}
     for name, (value, kind) in kinds.items():
         if not isinstance(value, kind):
             raise refusal(name, value, f"a {kind.__name__.removeprefix('Abstract')}")
+
+
+def _check_times(t_end, saves, times) -> None:
+    if times is not None:
+        for name, value in {"t_end": t_end, "saves": saves}.items():
+            if value is not None:
+                raise refusal(name, value, "none beside times, which say it already")
+        require_instants("times", times)
+        return
+    if t_end is None:
+        raise refusal("t_end", t_end, "when the run ends, unless times are given")
     require("t_end", t_end, POSITIVE)
     if np.shape(t_end) != ():
         raise refusal("t_end", t_end, "one number")
-    require_count("saves", saves)
+    if saves is not None:
+        require_count("saves", saves)
+
+
+def _check_average(average, t_end, times) -> None:
     if average is None:
         return
-    wanted = "two times (start, end) with 0 <= start < end <= t_end"
+    wanted = "two times (start, end) with 0 <= start < end <= " + ("t_end" if times is None else "the last of times")
     if np.shape(average) != (2,):
         raise refusal("average", average, wanted)
     require("average", average, FINITE)
     if not is_known(average):
         return
     begin, end = np.asarray(average)
-    if not 0 <= begin < end or (is_known(t_end) and end > np.asarray(t_end)):
+    last = t_end if times is None else times
+    if not 0 <= begin < end or (is_known(last) and end > np.max(np.asarray(last))):
         raise refusal("average", average, wanted)
 
 
 @eqx.filter_jit
-def _simulated(scene, t_end, saves, march, average, checks, filter, solver, coupling) -> Result:
+def _simulated(scene, saved, march, average, checks, filter, solver, coupling) -> Result:
+    """The run through the instants `saved`, (K,), or a pair of the end and the number of equally spaced ones."""
     integrands = None if average is None else diagnostics.averaged
     equation = equation_for(scene, filter=filter, solver=solver, coupling=coupling, integrands=integrands)
     state = initial_state(equation, march, average)
     first = observe(equation, state.t, state.y, state.angle, state.time_error)
     code = jnp.maximum(checks.judge(equation, state.t, state.y, first), state.status)
-    state = eqx.tree_at(lambda s: s.status, state, jnp.where(t_end > 0, code, status.INVALID))
-    times = t_end * jnp.arange(1, saves + 1) / saves
+    if isinstance(saved, tuple):
+        t_end, count = saved
+        times, valid = t_end * jnp.arange(1, count + 1) / count, t_end > 0
+    else:
+        times, t_end, valid = saved, saved[-1], jnp.all(jnp.diff(saved, prepend=0.0) > 0)
+    state = eqx.tree_at(lambda s: s.status, state, jnp.where(valid, code, status.INVALID))
     state, rows = advance(equation, march, state, times, stops_of(scene, t_end, average), checks)
     rows = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rows)
     code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
