@@ -9,7 +9,7 @@ from jaxves.analysis import critical_field, gradcheck, sensitivity
 from jaxves.analysis.observations import Model, Observations
 from jaxves.equation import equation
 from jaxves.inputs import uses
-from jaxves.inputs.scene_files import SceneError, parse
+from jaxves.inputs.scene_files import SceneError, parse, to_toml
 from jaxves.inputs.scene_tables import NumericsTable
 from jaxves.inputs.sweep_files import parse as parse_sweep
 from jaxves.inputs.vesicle_tables import CircleVesicle, EllipseVesicle, PointsVesicle
@@ -163,3 +163,13 @@ def test_a_relaxed_start_is_relaxed_in_sensitivities_and_fits():
     _, slope = eqx.filter_jvp(start, (area,), (jnp.asarray(1.0),))
     h = 1e-3
     assert abs(slope - (start(area + h) - start(area - h)) / (2 * h)) < 1e-3 * abs(slope)
+
+
+def test_a_scene_is_read_from_a_name_a_file_tables_or_what_was_read(tmp_path):
+    tables = {"t_end": 0.02, "saves": 4, "vesicle": [VESICLE], "field": FIELD, "numerics": {"nodes": 32}}
+    file = parse(tables)
+    (tmp_path / "scene.toml").write_text(to_toml(file))
+    for source in (file, tables, tmp_path / "scene.toml", str(tmp_path / "scene.toml")):
+        assert Case.of(source, uses.RUN).scene_file == file
+        assert sensitivity.AtEnd(source, ("deformation",)).scene_file == file
+    assert Case.of("pop", uses.RUN).scene_file.field.beta == 3.2

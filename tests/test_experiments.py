@@ -12,6 +12,7 @@ import pytest
 from experiments import (
     _common,
     after_budding,
+    beside_older,
     beside_others,
     close_evaluation,
     order_in_time,
@@ -50,6 +51,13 @@ def test_beside_others_times_all_schemes_and_knows_their_errors():
     assert all(seconds > 0 for seconds in row["seconds"].values())
     assert errors["jaxves, fourth order"] < 1e-6 < errors["plain NumPy"] < 1e-2
     assert row["over plain NumPy"]["plain NumPy"] == 1
+
+
+def test_a_version_beside_itself_costs_the_same():
+    row = beside_older.run(**beside_older.QUICK)["pop"]
+    for key in ("equations", "flops", "bytes", "memory"):
+        assert row["this"][key] == row["older"][key] > 0
+    assert row["interval"][0] <= row["ratio"] <= row["interval"][1]
 
 
 @pytest.mark.slow

@@ -196,7 +196,7 @@ WRONG = {
     "a scheme in words": (lambda: Fixed(3, "euler"), "Fixed.stepper = euler"),
     "no recorded steps": (lambda: Adaptive(1e-4, recorded=0), "Adaptive.recorded = 0"),
     # scene files, sweeps, sensitivities, fits, critical fields
-    "a scene file that is a name": (lambda: sensitivity.AtEnd("pop", ("deformation",)), "scene_file"),
+    "a scene file that is a number": (lambda: sensitivity.AtEnd(1.0, ("deformation",)), "scene_file"),
     "a scene file changed by hand": (
         lambda: sensitivity.AtEnd(case().model_copy(update={"t_end": -1.0}), ("deformation",)), "t_end = -1.0",
     ),

@@ -29,6 +29,7 @@ from scipy.optimize import brentq
 
 from ..base import status
 from ..inputs.parameters import numbers, with_numbers
+from ..inputs.scene_files import Readable
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import CRITICAL_FIELD
 from ..numerics.arrays import as_float
@@ -71,8 +72,9 @@ class Slopes(NamedTuple):
     growth: Float[np.ndarray, "T"]  # |∂_β D|
 
 
-def _alone(scene_file: SceneFile) -> Case:
+def _alone(scene_file: Readable) -> Case:
     case = Case.of(scene_file, CRITICAL_FIELD)
+    scene_file = case.scene_file
     if len(scene_file.vesicles()) != 1 or scene_file.field is None:
         raise NoCriticalField("a critical field is sought of one vesicle in a field")
     return case
@@ -103,13 +105,13 @@ def least(t: Float[np.ndarray, "T"], deformation: Float[np.ndarray, "T"]) -> tup
 
 
 def critical_field(
-    scene_file: SceneFile, bracket: tuple[float, float], *, tolerance: float = 1e-6, march: AbstractMarch | None = None
+    scene_file: Readable, bracket: tuple[float, float], *, tolerance: float = 1e-6, march: AbstractMarch | None = None
 ) -> Critical:
     """Returns β₀ of the one vesicle of a scene, found with Brent's method.
 
     Args:
-        scene_file: the scene. Its β is not used. Its `t_end` must be late enough for the vesicle to become oblate, and
-            its `saves` must resolve D(t).
+        scene_file: the scene, read or as a path, a built-in name or tables. Its β is not used. Its `t_end` must be late
+            enough for the vesicle to become oblate, and its `saves` must resolve D(t).
         bracket: two fields. The vesicle stays prolate at the lower one and does not at the higher one.
         tolerance: relative tolerance of the search. `discretisation_error` gives the error of nodes and time steps.
         march: the time stepping; that of the scene by default.
@@ -118,6 +120,7 @@ def critical_field(
         NoCriticalField: the vesicle is in the same class at both ends of the bracket, or a run broke down.
     """
     case = _alone(scene_file)
+    scene_file = case.scene_file
     if np.shape(bracket) != (2,) or not 0 <= bracket[0] < bracket[1] < np.inf:
         raise NoCriticalField(f"bracket = {bracket}, expected two fields (low, high) with 0 <= low < high")
     march = case.march() if march is None else march
@@ -197,6 +200,7 @@ def slopes(
     the relaxation is differentiated as well.
     """
     case = _alone(scene_file)
+    scene_file = case.scene_file
     march = case.march(t_end, saves) if march is None else march
     found = numbers(scene_file) | {"field.beta": beta}
     values = {name: as_float(value) for name, value in found.items()}

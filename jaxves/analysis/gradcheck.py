@@ -18,6 +18,7 @@ from ..base import status
 from ..base.physical_numbers import declared
 from ..equation.tracking import turned
 from ..inputs import parameters
+from ..inputs.scene_files import Readable
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import GRADIENT_CHECK
 from ..numerics.arrays import as_float
@@ -77,7 +78,7 @@ def _why_not(name: str, value: float) -> str | None:
 
 
 def check_gradients(
-    scene_file: SceneFile, t_end: float, steps: int, *, progress: Callable[[str], None] = lambda text: None
+    scene_file: Readable, t_end: float, steps: int, *, progress: Callable[[str], None] = lambda text: None
 ) -> Iterator[Row]:
     """Yields the rows for all numbers of a scene, for its diagnostics after `steps` fixed steps to `t_end`.
 
@@ -88,6 +89,7 @@ def check_gradients(
         BrokenDown: the run with the numbers of the scene does not reach its end.
     """
     case = Case.of(scene_file, GRADIENT_CHECK)
+    scene_file = case.scene_file
     march = Fixed(steps, case.march().stepper)
     _completed(case, t_end, march)
     outcome = AtEnd(scene_file, quantities_of(scene_file), t_end, march=march)

@@ -21,6 +21,7 @@ from jaxtyping import Array
 from ..base.arguments import refusal, require
 from ..base.bounds import POSITIVE
 from ..equation.state import Unknowns
+from ..inputs.scene_files import read_scene
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import SENSITIVITY
 from ..numerics.arrays import ScalarLike, as_float
@@ -55,7 +56,7 @@ class AtEnd(eqx.Module):
         ValueError: a diagnostic is unknown, or averages are asked for and the file has no `average`.
     """
 
-    scene_file: SceneFile = eqx.field(static=True)
+    scene_file: SceneFile = eqx.field(static=True, converter=read_scene)
     quantities: tuple[str, ...] = eqx.field(static=True, converter=_names)
     t_end: float | None = eqx.field(static=True, default=None)  # the file's
     averaged: bool = eqx.field(static=True, default=False)
@@ -96,7 +97,7 @@ class AtRest(eqx.Module):
         SceneError: as for `AtEnd`.
     """
 
-    scene_file: SceneFile = eqx.field(static=True)
+    scene_file: SceneFile = eqx.field(static=True, converter=read_scene)
     quantities: tuple[str, ...] = eqx.field(static=True, converter=_names)
     start: Unknowns
 

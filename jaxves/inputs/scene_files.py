@@ -16,7 +16,10 @@ import tomli_w
 from .checking import SceneError, checked
 from .scene_tables import SceneFile
 
-__all__ = ["SceneError", "SceneFile", "built_in_scenes", "parse", "read_scene", "to_toml"]
+__all__ = ["Readable", "SceneError", "SceneFile", "built_in_scenes", "parse", "read_scene", "to_toml"]
+
+# What can be read as a scene: a file, the name of a built-in scene, tables like those of a file, or one that was read.
+Readable = str | Path | Mapping[str, Any] | SceneFile
 
 
 def parse(tables: Mapping[str, Any], *, origin: str = "scene", folder: Path | str = ".") -> SceneFile:
@@ -39,13 +42,17 @@ def read_tables(path: Path, origin: str, wanted: str) -> dict[str, Any]:
         raise SceneError(f"{origin}: {' '.join(str(error).split())}, expected a TOML file") from None
 
 
-def read_scene(source: str | Path | Mapping[str, Any] | SceneFile) -> SceneFile:
+def read_scene(source: Readable) -> SceneFile:
     """The scene of a file, of a built-in name, or of tables like those of a file; one that was read already as it is.
 
     Raises SceneError with one line.
     """
     if isinstance(source, SceneFile):
         return source
+    if not isinstance(source, str | Path | Mapping):
+        raise SceneError(
+            f"scene_file: {type(source).__name__}, expected a file, the name of a built-in scene, or tables"
+        )
     if isinstance(source, Mapping):
         return parse(source)
     builtin = isinstance(source, str) and source in built_in_scenes()

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 
 from ..base import status
 from ..equation.equation import Equation, equation_for
-from ..inputs.checking import SceneError, checked
+from ..inputs.checking import checked
+from ..inputs.scene_files import Readable, read_scene
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import Use, refuse_unused
 from ..numerics.arrays import ScalarLike, Status, as_float
@@ -39,16 +40,13 @@ class Case(eqx.Module):
     scene_file: SceneFile = eqx.field(static=True)
 
     @classmethod
-    def of(cls, scene_file: SceneFile, use: Use) -> "Case":
-        """Builds a case for `use`.
+    def of(cls, scene_file: Readable, use: Use) -> "Case":
+        """Builds a case for `use` from a scene file, or from what `read_scene` reads as one.
 
         Raises:
             SceneError: `scene_file` is no scene file, has a key that `use` does not support, or has an invalid value.
         """
-        if not isinstance(scene_file, SceneFile):
-            raise SceneError(
-                f"scene_file: {type(scene_file).__name__}, expected a scene file that `load` or `parse` read"
-            )
+        scene_file = read_scene(scene_file)
         checked(SceneFile, scene_file.model_dump(by_alias=True, exclude_none=True), "scene")
         refuse_unused(scene_file, use)
         return cls(scene_file)

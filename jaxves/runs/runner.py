@@ -13,7 +13,7 @@ import numpy as np
 
 from ..base import status
 from ..base.arguments import refusal
-from ..inputs.scene_files import read_scene
+from ..inputs.scene_files import Readable
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import RUN
 from ..observables import classes, diagnostics
@@ -37,7 +37,7 @@ def _means(window: Window, scene):
 
 
 def run(
-    scene_file: SceneFile | str | Path,
+    scene_file: Readable,
     path: str | Path,
     *,
     force: bool = False,
@@ -49,7 +49,7 @@ def run(
     """Runs a scene and writes a result file; returns the status word. Ctrl-C ends the run as "interrupted".
 
     Args:
-        scene_file: a scene file that was read, the path of one, or the name of a built-in scene.
+        scene_file: a scene file that was read, the path of one, the name of a built-in scene, or tables.
         path: the result file.
         force: replace the file if it exists.
         resume: continue the file, also to a later `t_end` with as many more `saves`. A complete file is not changed.
@@ -68,8 +68,7 @@ def run(
         KeyboardInterrupt: Ctrl-C before anything was written.
     """
     began, path = time.perf_counter(), real(path)
-    scene_file = read_scene(scene_file) if isinstance(scene_file, str | Path) else scene_file
-    Case.of(scene_file, RUN)
+    scene_file = Case.of(scene_file, RUN).scene_file
     if at is not None and start is None:
         raise refusal("at", at, "no time without a result file to start from")
     if resume and start is not None:

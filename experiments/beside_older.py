@@ -1,0 +1,129 @@
+"""Is this version as cheap as an older one?
+
+    git worktree add ../older v0.1.0
+    python -m experiments.beside_older ../older      # any other checkout of this repository; about ten minutes
+
+Both versions compile the same runs of fixed steps, each in its own process, through functions that both have. Then
+they take turns, one run of each after the other, so that a busy machine slows both alike.
+
+What to expect: No more equations, floating-point operations or bytes than the older version, no more memory, and a
+median ratio of run times of at most 1.05.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+TURNS = 30
+QUICK = {"turns": 3, "scenes": ("pop",), "steps": 4}
+SCENES = ("pop", "circulation", "sheared field", "64 vesicles")
+
+# What runs in each process: scenes by functions that all versions have; one line in, one line out.
+WORKER = """
+import json, sys, time
+import numpy as np
+import jaxves
+import jax
+import jax.numpy as jnp
+
+def scene(name):
+    along = jnp.pi / 2
+    if name == "pop":
+        field = jaxves.dc_field(3.2, conductivity_ratio=0.1)
+        return jaxves.make_scene(jaxves.ellipse(64, 0.9, angle=along), field=field)
+    if name == "sheared field":
+        field = jaxves.dc_field(6.4, conductivity_ratio=0.1, membrane_conductance=4.0)
+        return jaxves.make_scene(jaxves.ellipse(64, 0.9, angle=0.35), field=field, flow=jaxves.Shear(10.0))
+    if name == "circulation":
+        field = jaxves.dc_field(3.2, conductivity_ratio=0.5, vesicles=2)
+        centers = 1.3 * np.array([[-np.cos(0.35), -np.sin(0.35)], [np.cos(0.35), np.sin(0.35)]])
+        return jaxves.make_scene([jaxves.ellipse(64, 0.9, angle=along)] * 2, centers=centers, field=field)
+    field = jaxves.dc_field(3.2, conductivity_ratio=0.1, vesicles=64)
+    centers = 2.6 * np.array([[i % 8, i // 8] for i in range(64)])
+    return jaxves.make_scene([jaxves.ellipse(32, 0.9, angle=along)] * 64, centers=centers, field=field)
+
+def equations(jaxpr):
+    inner = [part for equation in jaxpr.eqns for part in jax.tree.leaves(
+        list(equation.params.values()), is_leaf=lambda p: hasattr(p, "jaxpr") or hasattr(p, "eqns"))]
+    inner = [getattr(part, "jaxpr", part) for part in inner]
+    return len(jaxpr.eqns) + sum(equations(part) for part in inner if hasattr(part, "eqns"))
+
+name, steps = sys.argv[1], int(sys.argv[2])
+given = scene(name)
+run = lambda given: jaxves.simulate(given, 1e-5 * steps, saves=1, march=jaxves.Fixed(steps)).x
+traced = jax.make_jaxpr(run)(given)
+start = time.perf_counter()
+compiled = jax.jit(run).lower(given).compile()
+seconds = time.perf_counter() - start
+cost, memory = compiled.cost_analysis(), compiled.memory_analysis()
+cost = cost[0] if isinstance(cost, list) else cost
+jax.block_until_ready(compiled(given))
+print(json.dumps({"equations": equations(traced.jaxpr), "flops": cost["flops"], "bytes": cost["bytes accessed"],
+                  "memory": memory.temp_size_in_bytes, "compile": seconds}), flush=True)
+for line in sys.stdin:
+    start = time.perf_counter()
+    jax.block_until_ready(compiled(given))
+    print(time.perf_counter() - start, flush=True)
+"""
+
+
+def process(folder: Path, name: str, steps: int) -> subprocess.Popen:
+    """A process with the version in `folder`, which compiles a scene and then waits to be told to run it."""
+    flags = {"PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    return subprocess.Popen(
+        [sys.executable, "-c", WORKER, name, str(steps)],
+        env=os.environ | flags, cwd=folder, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def compared(older: Path, name: str, turns: int, steps: int) -> dict:
+    """{of each version: equations, flops, bytes, memory, compile}, and the ratios of run times, new over old."""
+    folders = {"older": older.resolve(), "this": Path(__file__).resolve().parents[1]}
+    found, running = {}, {}
+    for version, folder in folders.items():
+        running[version] = process(folder, name, steps)
+        found[version] = json.loads(running[version].stdout.readline())
+    seconds = {version: [] for version in folders}
+    for _ in range(turns):
+        for version, worker in running.items():
+            print("run", file=worker.stdin, flush=True)
+            seconds[version].append(float(worker.stdout.readline()))
+    for worker in running.values():
+        worker.stdin.close()
+        worker.wait()
+    ratios = np.array(seconds["this"]) / np.array(seconds["older"])
+    draws = np.random.default_rng(0).choice(ratios, (4000, len(ratios)))
+    low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
+    for version in folders:
+        found[version]["step"] = float(np.median(seconds[version])) / steps
+    return found | {"ratio": float(np.median(ratios)), "interval": [float(low), float(high)]}
+
+
+def run(older=Path(__file__).parents[1], scenes=SCENES, turns=TURNS, steps=20) -> dict:
+    """{scene: what `compared` found}; without `older` this version beside itself."""
+    return {name: compared(Path(older), name, turns, steps if name != "64 vesicles" else 1) for name in scenes}
+
+
+def main():
+    from ._common import store
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("older", type=Path, help="folder with another checkout")
+    found = run(parser.parse_args().older)
+    for name, row in found.items():
+        old, new = row["older"], row["this"]
+        counts = ", ".join(f"{key} {new[key] / old[key]:.3f}" for key in ("equations", "flops", "bytes", "memory"))
+        print(
+            f"{name:14} ratio {row['ratio']:.3f} [{row['interval'][0]:.3f}, {row['interval'][1]:.3f}], {counts}, "
+            f"step {1e3 * new['step']:.2f} ms, compiled in {new['compile']:.1f} s ({old['compile']:.1f} s)"
+        )
+    store("beside_older", found)
+
+
+if __name__ == "__main__":
+    main()
