@@ -94,8 +94,7 @@ def compared(older: Path, name: str, turns: int, steps: int) -> dict:
             print("run", file=worker.stdin, flush=True)
             seconds[version].append(float(worker.stdout.readline()))
     for worker in running.values():
-        worker.stdin.close()
-        worker.wait()
+        worker.communicate()
     ratios = np.array(seconds["this"]) / np.array(seconds["older"])
     draws = np.random.default_rng(0).choice(ratios, (4000, len(ratios)))
     low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
