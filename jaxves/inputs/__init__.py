@@ -1,11 +1,11 @@
 """Scene files and sweep files as checked tables. Nothing in this folder imports JAX.
 
-checking, key_types             how tables are checked, and how complaints are worded
+checking, key_types             checks of tables and types of keys, with their error messages
 vesicle_tables, scene_tables    the keys of a scene file
-scene_files                     reads and writes scene files, built-in ones too
+scene_files                     reads and writes scene files, also built-in ones
 parameters                      the physical numbers of a scene file by name
-uses                            which use of a scene file honours which keys
-sweep_tables, sweep_files       the same for sweeps
+uses                            the keys that each use of a scene file supports
+sweep_tables, sweep_files       keys, reading and cases of sweep files
 template                        the scene file that `jaxves init` writes
 scenes                          the built-in scenes
 """

@@ -1,8 +1,7 @@
-"""TOML tables checked strictly, with complaints of one line: the key, its value, what was expected.
+"""Strict checks of TOML tables. An error message is one line with the key, its value and what was expected.
 
-Every type of a key carries the words that say what it wants (`Expect`); a check across keys raises
-`refusal`. TOML has no null, so a value of None can only mean that a required key is missing, and the
-words of its type say what should have been there.
+The type of a key has a text that says what is expected (`Expect`). A check of several keys raises `refusal`. TOML has
+no null, so None means that a required key is missing, and the text of its type says what is expected.
 """
 
 import dataclasses
@@ -29,13 +28,13 @@ from ..base.bounds import Bounds
 
 
 class SceneError(ValueError):
-    """Bad input; its message is one line."""
+    """Wrong input. The message is one line."""
 
 
 def refusal(expected: str, key: str = "", value: Any = None) -> PydanticCustomError:
-    """To be raised in a validator: `value` of `key` (a path below the validated table) is refused.
+    """Returns the error for a validator to raise: `key`, a path below the validated table, must not have this `value`.
 
-    Without a key the validated value itself is.
+    Without a key the validated value itself is refused.
     """
     context = {"expected": expected, "key": key, "value": _shown(value)}
     return PydanticCustomError("refused", "{expected}", context)
@@ -43,7 +42,7 @@ def refusal(expected: str, key: str = "", value: Any = None) -> PydanticCustomEr
 
 @dataclasses.dataclass(frozen=True)
 class Expect:
-    """In `Annotated`, after all other constraints: whatever is wrong with the value, this was expected."""
+    """The text for every error of a value. It must be the last constraint in `Annotated`."""
 
     text: str
 
@@ -58,7 +57,7 @@ class Expect:
 
 
 def number(bounds: Bounds) -> Any:
-    """A float type within `bounds`."""
+    """Returns a type for floats within `bounds`."""
 
     def check(value: float) -> float:
         if not bounds.hold(value):
@@ -69,15 +68,15 @@ def number(bounds: Bounds) -> Any:
 
 
 def one_of(*words: str) -> Any:
-    """A text type of these words."""
+    """Returns a type for texts that are one of these words."""
     return Annotated[Literal[words], Expect("one of " + ", ".join(map(_toml, words)))]
 
 
 class Table(BaseModel):
-    """A table none of whose keys goes unnoticed."""
+    """A table. An unknown key is an error."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, validate_default=True)
-    told_apart_by: ClassVar[str | None] = None  # the key that names one of several kinds of a table
+    told_apart_by: ClassVar[str | None] = None  # the key that selects one of several kinds of a table
 
     @model_validator(mode="before")
     @classmethod
@@ -96,7 +95,7 @@ class Table(BaseModel):
 
 
 def choice(*kinds: type[Table], default: str | None = None) -> Any:
-    """The type of a table that is one of `kinds`, told apart by the key they name."""
+    """Returns a type for tables that are one of `kinds`; the key `told_apart_by` selects which."""
     key = kinds[0].told_apart_by
     names = [kind.model_fields[key].default for kind in kinds]
 
@@ -118,13 +117,17 @@ def choice(*kinds: type[Table], default: str | None = None) -> Any:
 
 
 def checked(model: type[Table], values: Mapping[str, Any], origin: str, **context: Any) -> Any:
-    """`values` as a `model`; raises SceneError with the first complaint, which begins with `origin`."""
+    """Checks `values` and returns them as a `model`.
+
+    Raises:
+        SceneError: a value is wrong. The message is about the first one and begins with `origin`.
+    """
     try:
         return model.model_validate(dict(values), context=context)
     except ValidationError as error:
         complaint = error.errors(include_url=False)[0]
     said = complaint.get("ctx", {})
-    # "key=name" is the tag of a choice, which the file does not have as a level.
+    # "key=name" is the tag of a choice, which is not a level of the file.
     path = [part for part in complaint["loc"] if not (isinstance(part, str) and "=" in part)]
     path += [said["key"]] if said.get("key") else []
     value = said["value"] if said.get("key") else _shown(complaint["input"])
@@ -132,7 +135,7 @@ def checked(model: type[Table], values: Mapping[str, Any], origin: str, **contex
 
 
 def dotted(path: Sequence[str | int]) -> str:
-    """("vesicle", 0, "angle") as vesicle[0].angle."""
+    """Returns a path as text: ("vesicle", 0, "angle") becomes vesicle[0].angle."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
 
 

@@ -1,4 +1,4 @@
-"""What the keys of a scene file may be, each type with the words for it."""
+"""The types of the keys of scene files, each with the text for its error message."""
 
 import itertools
 import math
@@ -25,7 +25,7 @@ def _unit(value: tuple[float, float]) -> tuple[float, float]:
     size = math.hypot(*value)
     if size == 0:
         raise ValueError
-    # A unit vector stays as it is, to the last bit.
+    # A unit vector is not changed.
     return value if abs(size - 1) < 1e-15 else (value[0] / size, value[1] / size)
 
 
@@ -38,12 +38,12 @@ def _trace_free(value: tuple[tuple[float, float], ...]) -> bool:
 
 
 def key(declared: Number) -> Any:
-    """The type of the key for a physical number: a float within its bounds, with its default."""
+    """Returns the type of the key for a physical number: a float within its bounds, with its default."""
     return Annotated[number(declared.bounds), Field(default=declared.default)]
 
 
 def optional_key(declared: Number) -> Any:
-    """The type of the key for a physical number that may be absent: None without the key."""
+    """Returns the type of the key for a physical number that may be absent; it is then None."""
     return Annotated[number(declared.bounds) | None, Field(default=None)]
 
 
@@ -59,7 +59,7 @@ NodeCount = Annotated[
 Flag = Annotated[bool, Expect("true or false")]
 Text = Annotated[str, Expect("a text in quotes")]
 
-# TOML's arrays are kept as tuples; their numbers stay strict.
+# TOML arrays are stored as tuples. Their numbers are checked strictly.
 _ARRAY = Field(strict=False)
 Pair = Annotated[tuple[Finite, Finite], _ARRAY, Expect("two finite numbers")]
 Direction = Annotated[Pair, AfterValidator(_unit), Expect("two finite numbers, not both zero")]

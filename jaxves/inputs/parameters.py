@@ -1,4 +1,4 @@
-"""The physical numbers of a scene file by name, and the scene file with others in their place.
+"""The physical numbers of a scene file by name, and replacing them by others.
 
 Names are key paths of the file: "field.beta", "vesicle.reduced_area" (of all vesicles) or "vesicle[1].reduced_area",
 "pair.offset_angle", "flow.gradient[0][1]". Units are the file's: angles in degrees. This is what sweeps, fits and

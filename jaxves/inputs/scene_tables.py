@@ -1,8 +1,8 @@
-"""The tables of a scene file: their fields are its keys, with their defaults.
+"""The tables of a scene file. Their fields are the keys of the file, with their defaults.
 
-Lengths are in units of a, times in t_κ = μa³/κ_B, all angles in degrees. A missing table means that the
-thing is absent. A key whose type does not allow None, but whose default it is, has to be given (`tables`).
-Nothing here imports JAX, so that bad input is answered at once.
+Lengths are in units of a, times in t_κ = μa³/κ_B, and all angles are in degrees. A missing table means that the field,
+the flow or the pair is absent. A key is required if its default is None and its type does not allow None (`checking`).
+Nothing here imports JAX, so that wrong input is reported quickly.
 """
 
 import math
@@ -36,25 +36,28 @@ def _tables(value: Any) -> Any:
 
 
 class PairTable(Table):
-    """Two copies of the one vesicle, whose center becomes that of the pair."""
+    """Two copies of the one vesicle. Its center becomes the center of the pair."""
 
     separation: key(physical_numbers.SEPARATION)
     offset_angle: key(physical_numbers.OFFSET_ANGLE)
 
     def offset(self, xp: Any = math) -> tuple[Any, Any]:
-        """From the middle to the second vesicle; the first lies opposite. `xp` has the functions for its numbers."""
+        """Returns the vector from the center of the pair to the second vesicle; the first is opposite.
+
+        `xp` is the module with cos and sin for the numbers, such as jax.numpy for traced ones.
+        """
         angle = self.offset_angle * (math.pi / 180)
         return 0.5 * self.separation * xp.cos(angle), 0.5 * self.separation * xp.sin(angle)
 
 
 class TimeTable(Table):
-    """How the strength of the field depends on time: a factor on it."""
+    """The time dependence of the field: a factor on its strength."""
 
     told_apart_by: ClassVar[str] = "kind"
 
 
 class ConstantTime(TimeTable):
-    """The field is there from the start."""
+    """The field is constant."""
 
     kind: Literal["constant"] = "constant"
 
@@ -93,7 +96,7 @@ class TabulatedTime(TimeTable):
 
 
 class FieldTable(Table):
-    """The imposed electric field, and what fluids and membranes do to it."""
+    """The imposed electric field, and the electrical parameters of fluids and membranes."""
 
     beta: key(physical_numbers.BETA)
     conductivity_ratio: key(physical_numbers.CONDUCTIVITY_RATIO)
@@ -132,9 +135,9 @@ class LinearFlow(FlowTable):
 
 
 class StopTable(Table):
-    """End early: when nothing moves any more, or when the history of all vesicles has become of a class.
+    """Ends the run early: when no shape changes any more, or when all vesicles are in a class.
 
-    A class that the start has already is not one to wait for; see `phases`.
+    A class that the vesicles have at the start already does not end the run; see `observables/classes.py`.
     """
 
     steady: Positive | None = None
@@ -148,20 +151,21 @@ class StopTable(Table):
 
 
 class NumericsTable(Table):
-    """How it is computed.
+    """The numerical parameters.
 
-    `nodes = "auto"` begins with the fewest of 64, 96, 128, 192 and 256 with which the starting curves are resolved: the
-    top of their spectra is below 1e-6 of the largest mode. Then it follows what shape, potential and tension need, as
-    `resolution` tells; `/nodes` of the result holds what was used, and all rows are given on 256 nodes.
+    `nodes = "auto"` starts with the fewest of 64, 96, 128, 192 and 256 nodes that resolve the starting curves: the top
+    of their spectra is below 1e-6 of the largest mode. Then the number is adapted to shape, potential and tension
+    (`runs/adapt_nodes.py`). `/nodes` of the result has the number that was used. All rows are stored with 256 nodes.
 
-    `method`: "auto" is "ark4", and "ark5" for a tolerance below 3e-6, of several vesicles below 3e-5.
+    `method = "auto"` is "ark4". For a tolerance below 3e-6, or below 3e-5 with several vesicles, it is "ark5".
 
-    `solver`: "dense" factorises the systems that couple all membranes, "matrix-free" never forms a matrix of two
-    membranes unless they are near, "auto" goes by size. `neighbours` is the room for near pairs without matrices, per
-    vesicle on average; a run in need of more ends as "crowded".
+    `solver = "dense"` factorises the systems that couple all membranes. "matrix-free" forms a matrix of two membranes
+    only if they are close. "auto" chooses by size. `neighbours` is the room of the matrix-free solver for close pairs,
+    per vesicle on average. A run that needs more ends as "crowded".
 
-    `certify` makes the run once more with other nodes and other steps (`wholerun`) to learn the error of the whole.
-    That takes about a third of the time of the run, and several times as long where the run is poorly resolved.
+    `certify` makes a second run with other nodes and other steps (`runs/error_estimate.py`) to estimate the error of
+    the whole run. That takes about a third of the time of the run, and several times as long where the run is poorly
+    resolved.
     """
 
     nodes: NodeCount = 64
@@ -190,7 +194,7 @@ class NumericsTable(Table):
 
 
 class SceneFile(Table):
-    """A whole scene file."""
+    """A complete scene file."""
 
     t_end: Positive = None
     saves: Count = 200
@@ -207,7 +211,7 @@ class SceneFile(Table):
     numerics: NumericsTable = NumericsTable()
 
     def vesicles(self, xp: Any = math) -> tuple[VesicleTable, ...]:
-        """All of them, a pair as two; `xp` as in `PairTable.offset`."""
+        """Returns all vesicles, a pair as two. `xp` is as in `PairTable.offset`."""
         if self.pair is None:
             return self.vesicle
         dx, dy = self.pair.offset(xp)

@@ -1,8 +1,8 @@
-"""From a sweep file to its cases: what each changes in the scene, and which of them no scene can have.
+"""Reads sweep files, and lists their cases with the numbers of each.
 
-A value that is wrong in itself (a reduced area of 1.2) is refused at once when it stands on an axis, in a range or in
-a file; given from Python or in a list of cases it marks its case as refused, as does a combination that is impossible
-though its numbers are not (vesicles that overlap at the start). The other cases run.
+A number that no scene may have (a reduced area of 1.2) is an error if it stands on an axis or in a range of a file.
+From Python, or in a list of cases, it marks its case as refused. So does an impossible combination of allowed numbers
+(vesicles that overlap at the start). The other cases run.
 """
 
 import re
@@ -26,11 +26,11 @@ from .uses import SWEEP, refuse_unused
 
 @dataclass(frozen=True)
 class Plan:
-    """The cases of a sweep, as a grid of `shape` with one row of `values` for each in C order.
+    """The cases of a sweep, as a grid of `shape` with one row of `values` for each case in C order.
 
-    `dims` are the names of the grid's axes: those of the numbers for a grid, "case" for a list or a sample. `stride`
-    tells how far apart on each axis the points lie which are computed in any case; the others wait for refinement.
-    `refused` holds the complaint of each case that cannot run.
+    `dims` are the names of the axes: those of the numbers for a grid, "case" for a list or a sample. `stride` is the
+    distance, on each axis, between points that are always computed; the others are computed only by refinement.
+    `refused` has the error message of each case that cannot run.
     """
 
     sweep_file: SweepFile
@@ -43,7 +43,7 @@ class Plan:
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
-        """Dimensions and values of each number."""
+        """Returns dimensions and values of each number."""
         if self.dims == ("case",):
             return {name: (self.dims, self.values[:, k]) for k, name in enumerate(self.names)}
         grid = self.values.reshape(*self.shape, len(self.names))
@@ -55,14 +55,14 @@ class Plan:
 
 
 def read_sweep_file(path: str | Path) -> SweepFile:
-    """A sweep file; raises SceneError."""
+    """Reads a sweep file; raises SceneError."""
     path = Path(path)
     tables = scene_files.read_tables(path, str(path), "a TOML file with a sweep")
     return parse(tables, origin=str(path), folder=path.parent)
 
 
 def parse(tables: Mapping[str, Any], *, origin: str = "sweep", folder: Path | str = ".") -> SweepFile:
-    """A sweep from its tables; `scene` may be a SceneFile, its tables, a built-in name, or a file in `folder`."""
+    """Checks the tables of a sweep. `scene` may be a SceneFile, its tables, a built-in name, or a file in `folder`."""
     scene = tables.get("scene")
     if scene is None:
         raise SceneError(f"{origin}: scene is missing, expected a scene file, a built-in scene, or a table [scene]")
@@ -75,21 +75,21 @@ def parse(tables: Mapping[str, Any], *, origin: str = "sweep", folder: Path | st
 
 
 def to_toml(sweep_file: SweepFile) -> str:
-    """The sweep complete with its scene and defaults."""
+    """Returns the sweep as TOML, with its scene and all defaults."""
     text = tomli_w.dumps(sweep_file.model_dump(by_alias=True, exclude_none=True))
     return re.sub(r"\[\n([^][]*?),\n\s*\]", lambda array: f"[{' '.join(array[1].split())}]", text)
 
 
 def plan(sweep_file: SweepFile, *, origin: str = "sweep", strict: bool = True) -> Plan:
-    """The cases, each checked against the tables of the scene.
+    """Lists the cases and checks each with the tables of the scene.
 
     Args:
         sweep_file: the sweep.
-        origin: what complaints begin with.
-        strict: refuse the sweep when a value of an axis is wrong in itself, rather than its cases.
+        origin: the beginning of error messages.
+        strict: a value of an axis that no scene may have is an error, instead of marking its cases.
 
     Raises:
-        SceneError: a name the scene has not, a wrong value, or no case that can run.
+        SceneError: the scene has no number of a given name, a value is wrong, or no case can run.
     """
     names, dims, shape, stride, values = _expanded(sweep_file)
     _check_names(sweep_file.scene, names, origin)
@@ -130,7 +130,7 @@ def _levels(sweep_file: SweepFile) -> dict[str, int]:
 
 
 def _fine(axis: Span | tuple[float, ...], levels: int) -> np.ndarray:
-    """The values of an axis, with those in between that refinement may ask for."""
+    """Returns the values of an axis, with those in between that refinement may need."""
     if isinstance(axis, Span):
         space = np.geomspace if axis.spacing == "log" else np.linspace
         return space(axis.start, axis.stop, (axis.num - 1) * 2**levels + 1)
@@ -157,7 +157,7 @@ def _check_names(scene_file: SceneFile, names: tuple[str, ...], origin: str) -> 
 
 
 def _complaint(scene_file: SceneFile, values: dict[str, float]) -> tuple[str, bool]:
-    """What the scene's tables say of these numbers; also whether one of them is wrong in itself."""
+    """Returns the error message for these numbers, "" if they are allowed, and whether a single number is wrong."""
     tables = with_numbers(scene_file, values).model_dump(by_alias=True, exclude_none=True)
     try:
         SceneFile.model_validate(tables)

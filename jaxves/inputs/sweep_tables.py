@@ -1,7 +1,7 @@
-"""The tables of a sweep file: a scene, and which of its numbers take which values.
+"""The tables of a sweep file: a scene, and the values of some of its numbers.
 
-The cases come from exactly one of `[axes]` (a grid), `[[cases]]` (a list) and `[sample]` (a low-discrepancy sample);
-the names are those of `parameters`. Nothing here imports JAX.
+The cases come from exactly one of `[axes]` (a grid), `[[cases]]` (a list) and `[sample]` (a low-discrepancy sample).
+Names are those of `parameters`. Nothing here imports JAX.
 """
 
 from typing import Annotated, Any
@@ -12,7 +12,7 @@ from .checking import Expect, Table, one_of, refusal
 from .key_types import Count, Finite
 from .scene_tables import SceneFile
 
-# Any number: what a name may be is the business of the scene's own tables.
+# Any number is allowed here; the tables of the scene check its value.
 _Number = Annotated[float, Expect("a number")]
 _Limits = Annotated[
     tuple[Count, Count], Field(strict=False), Expect("two numbers of steps, of the first pass and of the second")
@@ -20,7 +20,7 @@ _Limits = Annotated[
 
 
 class Span(Table):
-    """`num` values from start to stop, both included: equally spaced, or with equal ratios."""
+    """`num` values from start to stop, both included, with equal differences or equal ratios."""
 
     start: Finite = None
     stop: Finite = None
@@ -64,7 +64,7 @@ _Range = Annotated[tuple[Finite, Finite], Field(strict=False), Expect("two finit
 
 
 class Sample(Table):
-    """`num` cases which fill the box of these ranges evenly, from a scrambled sequence."""
+    """`num` cases that fill the box of these ranges evenly, from a scrambled sequence."""
 
     num: Count = None
     sequence: one_of("halton", "sobol") = "halton"
@@ -79,14 +79,14 @@ class Sample(Table):
 
 
 class Refine(Table):
-    """Halve the cells of the grid in which the class changes, `levels` times, along these axes (default: all)."""
+    """Halves the cells of the grid in which the class changes, `levels` times, along these axes (default: all)."""
 
     levels: Annotated[int, Field(ge=1, le=8), Expect("a whole number from 1 to 8")] = None
     along: Annotated[tuple[str, ...], Field(strict=False), Expect("a list of names of axes")] | None = None
 
 
 class SweepFile(Table):
-    """A whole sweep file, its scene read."""
+    """A complete sweep file with its scene."""
 
     scene: SceneFile = None
     axes: Annotated[dict[str, _Axis], BeforeValidator(_named)] | None = None

@@ -1,6 +1,6 @@
 """The commented scene file that `jaxves init` writes.
 
-A line `{field.beta}` below stands for the key of that physical number, with its example and its meaning.
+A line `{field.beta}` below is replaced by the key of this physical number, with its example and its meaning.
 """
 
 import re
@@ -11,23 +11,23 @@ _COMMENT = 29  # column in which comments begin
 
 _TEXT = """\
 # A scene for `jaxves run`. Lengths are in a = perimeter / 2π, times in t_κ = μa³/κ_B, angles in degrees.
-# A missing table means that the thing is absent; a `#` before a key shows its default or an example.
+# A field, flow or pair whose table is missing is absent. A `#` before a key shows its default or an example.
 
 t_end = 1.0
-saves = 200                  # equally spaced, besides t = 0
+saves = 200                  # number of saved times besides t = 0, equally spaced
 # average = [0.5, 1.0]       # window of the time averages
 
 [[vesicle]]                  # one or more
-shape = "ellipse"            # or "circle", or "points" with file = "shape.csv", an outline, for which there are
-                             # modes (Fourier modes kept of noisy points) and flip_y = true (y points down)
+shape = "ellipse"            # or "circle", or "points" with file = "shape.csv" for an outline; then also
+                             # modes (number of Fourier modes for noisy points) and flip_y = true (y points down)
 {vesicle.reduced_area}
 {vesicle.angle}
 center = [0.0, 0.0]
 {vesicle.length}
 {vesicle.bending}
-relaxed = false              # true: let it relax to equilibrium first, without field or flow
+relaxed = false              # true: relax to equilibrium before the run, without field or flow
 # {vesicle.disturbance}
-# {own}: its own, else those of [field]
+# {own}: optional; default: those of [field]
 
 # [pair]                     # two copies of the one vesicle
 # {pair.separation}
@@ -42,7 +42,7 @@ relaxed = false              # true: let it relax to equilibrium first, without 
 direction = [0.0, 1.0]
 
 # [field.time]               # a factor on the field: constant, pulse, sine or table
-# kind = "pulse"             # linear flanks; or "sine", which has the keys behind ## instead
+# kind = "pulse"             # with linear flanks; or "sine" with the keys after ## instead
 # {field.time.start}
 # {field.time.duration}
 # {field.time.rise}
@@ -55,18 +55,18 @@ direction = [0.0, 1.0]
 # kind = "shear"             # v = Ca (y, 0); "extension": Ca (x, -y); "linear" with gradient = [[0, 1], [0, 0]]
 # {flow.capillary_number}
 
-# [stop]                     # end early,
-# steady = 1e-6              # when nothing moves faster,
-# class = "POP"              # or when the history of all vesicles has become P, O or POP
+# [stop]                     # ends the run early,
+# steady = 1e-6              # if no shape changes faster than this,
+# class = "POP"              # or if all vesicles are in this class (P, O or POP)
 
 [numerics]
-nodes = 64                   # of each vesicle; "auto": the fewest of 64 … 256 that resolve the starting curves
-tolerance = 1e-4             # of the error in time
-# time_step = 1e-3           # a fixed step instead
-method = "auto"              # "ark4" or, for a tight tolerance, "ark5"; or one of these, or "euler" with a time_step
-# solver = "auto"            # of what couples vesicles: "dense", "matrix-free", or by size
-# neighbours = 8             # room for near pairs where no matrices are kept, per vesicle
-# certify = true             # run once more with other nodes and steps, to estimate the error of the whole run
+nodes = 64                   # per vesicle; "auto": adapted during the run, from 64 to 256
+tolerance = 1e-4             # bounds the error of each time step
+# time_step = 1e-3           # fixed step, instead of a tolerance
+method = "auto"              # "ark4", or "ark5" for a tight tolerance; or one of these; or "euler" with a time_step
+# solver = "auto"            # solver for several vesicles: "dense", "matrix-free", or "auto" (by size)
+# neighbours = 8             # matrix-free only: room for close neighbours, per vesicle on average
+# certify = true             # second run with other nodes and steps, to estimate the error of the whole run
 """
 
 

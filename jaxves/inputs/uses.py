@@ -1,4 +1,4 @@
-"""What a scene file is used for, and which of its keys that use can honour; the others are refused, not dropped.
+"""The uses of a scene file, and the keys that each use supports. Unsupported keys are refused and not ignored.
 
 Nothing here imports JAX.
 """
@@ -10,7 +10,7 @@ from .scene_tables import SceneFile
 
 
 class Use(NamedTuple):
-    """What a scene file is used for, in words, and which of its keys that can honour."""
+    """A use of a scene file: its name, and the keys that it supports."""
 
     name: str
     auto_nodes: bool = False
@@ -28,7 +28,7 @@ USES = (RUN, SWEEP, SENSITIVITY, FIT, CRITICAL_FIELD, GRADIENT_CHECK)
 
 
 def refuse_unused(scene_file: SceneFile, use: Use, origin: str = "scene") -> None:
-    """Raises SceneError, one line that begins with `origin`, for a key that `use` cannot honour."""
+    """Raises SceneError for a key that `use` does not support; the message begins with `origin`."""
     numerics = scene_file.numerics
     complaint = None
     if numerics.nodes == "auto" and not use.auto_nodes:

@@ -15,16 +15,16 @@ from .key_types import Count, Flag, Pair, PointList, Text, key, optional_key
 
 
 class VesicleTable(Table):
-    """What vesicles of every shape have; the electrical numbers, where absent, are those of [field]."""
+    """The keys of vesicles of every shape. Electrical numbers that are absent are those of [field]."""
 
     told_apart_by: ClassVar[str] = "shape"
 
     shape: str
     angle: key(physical_numbers.ANGLE)
-    center: Pair = (0.0, 0.0)  # where the centroid is
+    center: Pair = (0.0, 0.0)  # position of the centroid
     length: key(physical_numbers.LENGTH)
     bending: key(physical_numbers.BENDING)
-    relaxed: Flag = False  # first relax to equilibrium, without field or flow
+    relaxed: Flag = False  # relax to equilibrium before the run, without field or flow
     conductivity_ratio: optional_key(physical_numbers.CONDUCTIVITY_RATIO)
     membrane_conductance: optional_key(physical_numbers.MEMBRANE_CONDUCTANCE)
     chi: optional_key(physical_numbers.CHI)
@@ -32,11 +32,11 @@ class VesicleTable(Table):
 
     @abc.abstractmethod
     def polygon(self) -> outlines.Polygon:
-        """The outline of the shape, of any size, angle and place."""
+        """Returns the outline of the shape. Its size, angle and position are not specified."""
 
 
 class DeformableVesicle(VesicleTable):
-    """What can be given no symmetry; a circle has no room for it."""
+    """A vesicle whose shape can be disturbed, which is not possible for a circle."""
 
     disturbance: optional_key(physical_numbers.DISTURBANCE)  # the amplitude in `shapes.disturbed`
 
@@ -48,7 +48,7 @@ class DeformableVesicle(VesicleTable):
 
 
 class EllipseVesicle(DeformableVesicle):
-    """An ellipse of given reduced area Δ = 4πA/L²."""
+    """An ellipse with the reduced area Δ = 4πA/L²."""
 
     shape: Literal["ellipse"] = "ellipse"
     reduced_area: key(physical_numbers.REDUCED_AREA)
@@ -67,18 +67,18 @@ class CircleVesicle(VesicleTable):
 
 
 class PointsVesicle(DeformableVesicle):
-    """A smooth closed curve through points, scaled to the length; clockwise ones are turned round.
+    """A smooth closed curve through points, scaled to the length. Clockwise points are reversed.
 
-    `file` is read at once and becomes `points`: a scene written back does not depend on other files. Where the points
-    carry noise, as those of a microscope do, only some Fourier modes of the outline are kept: `modes` says how many.
-    Without it their number is chosen from the noise and written to `modes`, with a warning. `flip_y` turns an image,
-    whose y axis points down, upright; points are flipped at once, and written back with `flip_y` false.
+    `file` is read at once and becomes `points`, so that a stored scene does not depend on other files. If the points
+    are noisy, as those from a microscope, only some Fourier modes of the outline are kept. `modes` is their number.
+    Without it the number is chosen from the noise and stored in `modes`, with a warning. `flip_y` is for images, whose
+    y axis points down. The points are flipped at once and stored with `flip_y` false.
     """
 
     shape: Literal["points"] = "points"
     file: Text | None = None  # .csv, .txt, .tsv, .dat or .npy, relative to the scene file
     points: PointList | None = None
-    modes: Count | None = None  # of the outline; without it all, or as many as noisy points support
+    modes: Count | None = None  # number of Fourier modes; by default all, or chosen from the noise of the points
     flip_y: Flag = False
 
     @model_validator(mode="before")
@@ -104,7 +104,7 @@ class PointsVesicle(DeformableVesicle):
                 or not (modes is None or (type(modes) is int and modes > 0))
                 or not isinstance(flip, bool)
             ):
-                return values  # what is wrong is said by the types of the keys
+                return values  # the types of the keys report what is wrong
             outline = outlines.prepared(points * [1.0, -1.0] if flip else points, modes, lines)
         except ValueError as error:
             raise refusal(str(error), key, values[key]) from None
@@ -116,7 +116,7 @@ class PointsVesicle(DeformableVesicle):
 
 
 def _as_array(points: Any) -> np.ndarray | None:
-    """Points as an array (K, 2), or None where they are none."""
+    """Returns points as an array (K, 2), or None if they are not points."""
     try:
         array = np.array(points)
     except ValueError:

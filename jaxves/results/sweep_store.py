@@ -1,8 +1,8 @@
-"""What the file of a sweep holds, and reading it. `sweep_writer` writes it.
+"""The contents of the file of a sweep, and functions that read it. `sweep_writer` writes it.
 
-One dimension per axis with its values as coordinate (or one called "case"), netCDF's names and scales, so that xarray
-opens it. `/status` is "pending" for a case that is still to come. A case that ran out of steps in the first pass is
-called "again" until it has been given the second.
+There is one dimension for each axis, with its values as coordinate, or one dimension called "case". Names and scales
+are those of netCDF, so that xarray opens the file. `/status` is "pending" for a case that is not computed yet. It is
+"again" for a case that needs more steps than the first pass allows, until the second pass has computed it.
 """
 
 import os
@@ -23,14 +23,14 @@ PENDING, AGAIN, REFUSED, SKIPPED = "pending", "again", "refused", "skipped"
 DUE = (PENDING, AGAIN)
 _EXPLAINED = {
     PENDING: "not computed yet; continue with --resume",
-    AGAIN: "out of steps in the first pass, the second is to come; continue with --resume",
-    SKIPPED: "between cases of one class: refinement did not ask for it",
+    AGAIN: "needs more steps and waits for the second pass; continue with --resume",
+    SKIPPED: "not computed, because its cell was not refined",
 }
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A dataset of the file: its units, its name in words, its dimensions after those of the grid, and its type."""
+    """A dataset of the file: units, name in words, dimensions after those of the grid, and type."""
 
     units: str
     long_name: str
@@ -40,10 +40,10 @@ class Variable:
 
 @dataclass(frozen=True)
 class SweepRecord:
-    """What the file of a sweep says; arrays have the shape of the grid, then that of one case.
+    """The contents of the file of a sweep. Arrays have the shape of the grid, followed by that of one case.
 
-    `coordinates` holds dimensions and values of each swept number; `classes` is None without a field; `computed` is
-    how many cases the sitting that returns this has computed.
+    `coordinates` has dimensions and values of each number that varies. `classes` is None without a field. `computed` is
+    the number of cases that the call of `sweep` which returned this record has computed.
     """
 
     dims: tuple[str, ...]
@@ -58,33 +58,33 @@ class SweepRecord:
     computed: int = 0
 
     def counts(self) -> dict[str, int]:
-        """How many cases have which status, the most frequent first."""
+        """Returns the number of cases by status, the most frequent first."""
         words, counts = np.unique(self.status, return_counts=True)
         return {str(words[i]): int(counts[i]) for i in np.argsort(-counts)}
 
     def at(self, index: tuple[int, ...]) -> dict[str, float]:
-        """The swept numbers of one case."""
+        """Returns the numbers of one case, by name."""
         place = dict(zip(self.dims, index, strict=True))
         return {name: float(v[tuple(place[dim] for dim in dims)]) for name, (dims, v) in self.coordinates.items()}
 
 
 def class_word(codes: np.ndarray) -> str:
-    """The classes of the vesicles of one case: "POP", or "P+O" of two."""
+    """Returns the classes of the vesicles of one case: "POP", or "P+O" for two vesicles."""
     return "+".join(classes.NAMES[int(code)] for code in codes)
 
 
 def count_computed(words: np.ndarray) -> int:
-    """How many of these cases have been computed, to whatever end."""
+    """Returns how many of these cases have been computed, with any status."""
     return int(np.sum(~np.isin(words, [*DUE, REFUSED, SKIPPED])))
 
 
 def reason(word: str) -> str:
-    """Why a case has no result, or why it may be no good."""
+    """Returns why a case has no result, or what is wrong with its result."""
     return _EXPLAINED.get(word) or status.ADVICE.get(word, "")
 
 
 def is_sweep(path: str | os.PathLike) -> bool:
-    """Whether this is the file of a sweep; False for whatever else, and for no file."""
+    """Returns whether this is the file of a sweep; False if it does not exist."""
     if not Path(path).is_file():
         return False
     try:
@@ -95,10 +95,11 @@ def is_sweep(path: str | os.PathLike) -> bool:
 
 
 def read_sweep(path: str | os.PathLike) -> SweepRecord:
-    """All but histories and shapes; of a sweep finished, broken off, or still going on.
+    """Reads the file of a sweep, except time series and shapes. The sweep may be complete, interrupted or still
+    running.
 
     Raises:
-        StoreError: no such file, not that of a sweep, or one of a later version.
+        StoreError: the file does not exist, is not the file of a sweep, or has a later version.
     """
     path = Path(path)
     with named_errors("read", path), open_sweep(path, "r") as file:
@@ -129,29 +130,29 @@ def read_sweep(path: str | os.PathLike) -> SweepRecord:
 
 
 class Known(NamedTuple):
-    """What of each case is in the file, in C order of the grid."""
+    """Status and class of each case in the file, in C order of the grid."""
 
     status: np.ndarray
     classes: np.ndarray | None
 
 
 def progress(path: Path) -> Known:
-    """How far the sweep has come; beside its writer."""
+    """Reads how far the sweep has advanced; may be used while the file is written."""
     with named_errors("read", path), open_sweep(path, "r") as file:
         classes = file["class"][...].astype(str).ravel() if "class" in file else None
         return Known(file["status"][...].astype(str).ravel(), classes)
 
 
 def free_bytes(path: Path) -> int:
-    """On the disk where the file is or will be."""
+    """Returns the free space on the disk of the file."""
     return shutil.disk_usage(path.absolute().parent).free
 
 
 def history(path: str | os.PathLike, name: str, index: tuple[int, ...]) -> np.ndarray:
-    """What was kept over time of one case: a diagnostic, or x, V_m, tension; saved times first.
+    """Reads a time series of one case: a diagnostic, or x, V_m or tension. The first axis is the saved times.
 
     Raises:
-        StoreError: not the file of a sweep, or one that keeps no such history.
+        StoreError: the file is not the file of a sweep, or does not have this time series.
     """
     with named_errors("read", Path(path)), open_sweep(Path(path), "r") as file:
         if f"history/{name}" not in datasets_below(file):
@@ -160,10 +161,10 @@ def history(path: str | os.PathLike, name: str, index: tuple[int, ...]) -> np.nd
 
 
 def open_sweep(path: Path, mode: str) -> h5py.File:
-    """The open file of a sweep.
+    """Opens the file of a sweep.
 
     Raises:
-        StoreError: no such file, not that of a sweep, or one of a later version.
+        StoreError: the file does not exist, is not the file of a sweep, or has a later version.
     """
     refuse_special(path)
     if not path.exists():
