@@ -5,9 +5,10 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
-from jaxves.analysis import boxes, critical_field, differences, fit, gradcheck, sensitivity
+from jaxves.analysis import boxes, critical_field, descent, differences, fit, gradcheck, search, sensitivity
 from jaxves.analysis.observations import Model, Observations, radii, shown
 from jaxves.analysis.steady import steady_shape
 from jaxves.cli.commands import answer
@@ -220,6 +221,54 @@ def test_bending_is_found_from_a_relaxation_and_a_place_that_nothing_tells_is_na
     assert again.starts[0].iterations == -7 and again.values == found.values
     with pytest.raises(ValueError, match="of the same scene, bounds and observations"):
         fit.fit(file, {"vesicle.bending": (0.1, 9.0)}, observations, starts=1, march=march, checkpoint=kept)
+
+
+def test_gradient_descent_finds_what_the_trust_region_finds(tmp_path):
+    """Bending and, on the edge of what is asked, a length whose best value is out of its bounds."""
+    file = parse(RELAXING | {"vesicle": [{"reduced_area": 0.9, "bending": 3.0}]})
+    march, noise = Fixed(2), 1e-4
+    blank = Observations(0.02, {"deformation": np.zeros((8, 1))}, {"deformation": noise})
+    seen = shown(Model.of(file, blank, march), {"vesicle.bending": 1.0})["deformation"]
+    observations = blank._replace(seen={"deformation": seen + noise * np.random.default_rng(0).normal(size=(8, 1))})
+    how = {"starts": 1, "march": march, "max_steps": 300}
+    bounds = {"vesicle.bending": (0.1, 10.0)}
+    trusted = fit.fit(file, bounds, observations, **how)
+    kept = tmp_path / "starts.json"
+    descended = fit.fit(file, bounds, observations, **how, method=optax.adam(0.1), checkpoint=kept)
+    (low, high), best = trusted.intervals["vesicle.bending"], trusted.values["vesicle.bending"]
+    assert abs(descended.values["vesicle.bending"] - best) < 1e-2 * (high - low)
+    np.testing.assert_allclose(descended.intervals["vesicle.bending"], (low, high), rtol=1e-3)
+    assert descended.starts[0].converged and descended.starts[0].iterations < 300
+    assert descended.chi2 == pytest.approx(trusted.chi2, rel=1e-4)
+
+    again = fit.fit(file, bounds, observations, **how, method=optax.adam(0.1), checkpoint=kept)
+    assert again.starts == descended.starts
+    with pytest.raises(ValueError, match="of the same scene, bounds and observations"):
+        fit.fit(file, bounds, observations, **how, method=optax.adam(0.2), checkpoint=kept)
+
+    held = fit.fit(file, {"vesicle.bending": (2.0, 10.0)}, observations, **how, method=optax.adam(0.1))
+    assert held.values["vesicle.bending"] == pytest.approx(2.0, rel=1e-5) and held.starts[0].converged
+
+
+def test_a_descent_that_runs_into_a_breakdown_makes_shorter_steps(monkeypatch):
+    """On a parabola about 0.3 whose runs break down below 0.25; the first step would end at 0.2, half of it at 0.35."""
+    tried = []
+
+    def parabola(c, target):
+        tried.append(float(c[0]))
+        return jnp.where(c < 0.25, jnp.nan, 100 * (c - 0.3)), jnp.array([[100.0]])
+
+    monkeypatch.setattr(descent, "linearised", parabola)
+    target = search.Target(None, (("a", boxes.Box(0.0, 1.0)),), {}, {})
+    method = optax.sgd(1.5e-4)
+    found = descent.descent({"a": 0.5}, target, 1e-8, 100, method=method)
+    np.testing.assert_allclose(tried[:3], [0.5, 0.2, 0.35], rtol=1e-12)
+    assert found.converged and found.iterations == len(tried) < 30
+    assert found.ended["a"] == pytest.approx(0.3, abs=1e-6)
+    short = descent.descent({"a": 0.5}, target, 1e-8, 3, method=method)
+    assert not short.converged and short.iterations == 3 and short.ended["a"] == pytest.approx(0.35)
+    nowhere = descent.descent({"a": 0.1}, target, 1e-8, 3, method=method)
+    assert not nowhere.converged and nowhere.chi2 == math.inf and nowhere.iterations == 1
 
 
 def test_a_start_with_which_the_run_breaks_down_leads_nowhere_and_the_others_count():

@@ -8,6 +8,7 @@ import json
 
 import jax.numpy as jnp
 import numpy as np
+import optax
 
 import jaxves
 from jaxves.analysis import critical_field, fit, gradcheck, sensitivity
@@ -219,6 +220,10 @@ WRONG = {
     "bounds of an unknown number": (lambda: fitted({"field.betta": (1.0, 2.0)}), "field.betta"),
     "bounds that go back": (lambda: fitted({"field.beta": (4.0, 2.0)}), "field.beta"),
     "bounds that no scene may have": (lambda: fitted({"field.beta": (-4.0, 2.0)}), "field.beta"),
+    "a method in words": (lambda: fitted({"field.beta": (1.0, 4.0)}, method="adam"), "method = adam"),
+    "a method with a line search": (
+        lambda: fitted({"field.beta": (1.0, 4.0)}, method=optax.lbfgs()), "method = an optimiser whose update",
+    ),
     "one bound": (lambda: fitted({"field.beta": 3.0}), "field.beta"),
     "nothing seen": (lambda: fitted({"field.beta": (1.0, 4.0)}, observations=observed(seen={})), "observations.seen"),
     "seen without deviation": (

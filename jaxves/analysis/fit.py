@@ -1,20 +1,22 @@
-r"""Numbers of a scene from what was observed: least squares, several starts, and what the answer is worth.
+r"""Numbers of a scene from observations: least squares from several starts, with confidence intervals.
 
-With the model m(p), the observations d and their standard deviations s, χ² = Σ ((m - d)/s)² is minimised within bounds
-by a trust region (SciPy's `least_squares`, which takes a run that breaks down for too long a step) with forward
-derivatives: P unknowns cost P tangents of a run. About the minimum χ² is a paraboloid, whose curvature JᵀJ, with
-J = ∂(m/s)/∂p, gives covariances after Laplace: (JᵀJ)⁻¹. Where that has a long axis the observations do not tell the
-numbers apart, and the answer says along which combination.
+With the model m(p), the observations d and their standard deviations s, `fit` minimises χ² = Σ ((m - d)/s)² within
+bounds. The search is a trust region (`search`) or a gradient descent with an optimiser of Optax (`descent`). Both use
+forward derivatives: P unknowns cost P tangents of a run. Near the minimum χ² is a paraboloid with the curvature JᵀJ,
+where J = ∂(m/s)/∂p. Its inverse is the covariance of the numbers (Laplace's approximation). Where the paraboloid has a
+long axis, the observations do not determine the numbers separately, and the answer names that combination.
 
     observed = {"deformation_along_field": D}, any diagnostics (T, …) at t_end k/T, k = 1 … T, and "radii" (T, M, K)
 """
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import optax
 from jaxtyping import Float
 
 from ..base.arguments import require_count
@@ -24,6 +26,7 @@ from ..numerics.arrays import as_float
 from ..stepping.march import AbstractMarch
 from . import boxes
 from .boxes import Box
+from .descent import descent, require_optimiser
 from .kept_starts import fingerprint, keep, resumed
 from .observations import Model, Observations
 from .search import Start, Target, linearised, starting_points, trust_region
@@ -33,13 +36,13 @@ _LOOSE = 1.0  # half of a 95 % interval beyond which a combination of numbers co
 
 
 class Fit(NamedTuple):
-    """The best end of all starts; intervals are 95 %, of the paraboloid in the coordinate that was searched in."""
+    """The best end of all starts. The intervals are 95 %, from the paraboloid in the coordinates of the search."""
 
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     covariance: Float[np.ndarray, "P P"]  # in the units of the numbers, in the order of `values`
     chi2: float
-    observations: int  # χ² is near this, less the unknowns, where model and deviations are right
+    observations: int  # χ² is near this minus the number of unknowns if model and deviations are right
     loose: tuple[str, ...]  # combinations that the observations do not determine
     starts: tuple[Start, ...]
 
@@ -53,16 +56,32 @@ def fit(
     march: AbstractMarch | None = None,
     tolerance: float = 1e-5,
     max_steps: int = 100,
+    method: optax.GradientTransformation | None = None,
     checkpoint: str | Path | None = None,
     progress: Callable[[int, Start], None] = lambda i, start: None,
 ) -> Fit:
-    """The numbers named in `bounds`, in the scene that `observations` were made of.
+    """Returns the numbers named in `bounds` with which the scene agrees best with `observations`.
 
-    Begins at `starts`: the scene's own numbers and as many more in the bounds as make this count, or given points.
-    With `checkpoint` (JSON) every start is kept once it is done, and not searched again when called again.
+    Args:
+        scene_file: the scene that was observed.
+        bounds: (lower, upper) for each number to be found, by its name, such as "field.beta".
+        observations: what was observed.
+        starts: how many searches to make: from the scene's own numbers, and from more points within the bounds. Or the
+            points themselves, each with a value for every number.
+        march: how runs advance in time; what the scene file says if None.
+        tolerance: a search ends when χ² changes by less than this, relative to χ².
+        max_steps: the largest number of runs in one search.
+        method: None for the trust region, which is the better choice for a few unknowns. Or an optimiser of Optax, such
+            as `optax.adam(0.1)`. It works in the logarithm of a number whose bounds are positive, and else in the
+            fraction of the bounds, so that a learning rate of 0.1 means steps of about 10 % at first. It needs more
+            steps than the trust region, usually a few hundred. An optimiser with a line search is refused.
+        checkpoint: a file (JSON) that keeps every start once it is done. When `fit` is called again with the same
+            arguments, these starts are not searched again.
+        progress: called after each start with its index and its result.
 
     Raises:
-        ValueError: bounds or observations make no sense, no start led anywhere, or the checkpoint is of another fit.
+        ValueError: bounds, observations or `method` cannot be used, every start broke down, or the checkpoint belongs
+            to another fit.
         SceneError: the scene has no number of such a name.
     """
     inside = boxes.boxes(bounds)
@@ -72,19 +91,23 @@ def fit(
             check_numbers(scene_file, {name: box.lower + share * (box.upper - box.lower)})
     if isinstance(starts, int):
         require_count("starts", starts)
+    if method is not None:
+        require_optimiser("method", method)
+    search = trust_region if method is None else functools.partial(descent, method=method)
     target = Target.of(model, inside, observations)
     points = starting_points(inside, scene_file, starts) if isinstance(starts, int) else starts
-    mark = fingerprint(scene_file, inside, observations, model.march, tolerance)
+    mark = fingerprint(scene_file, inside, observations, model.march, tolerance, method)
     done = resumed(checkpoint, mark)
     for i, point in enumerate(points):
         if i >= len(done):
-            done.append(trust_region(point, target, tolerance, max_steps))
+            done.append(search(point, target, tolerance, max_steps))
             keep(checkpoint, mark, done)
         progress(i, done[i])
     return _judged(tuple(done[: len(points)]), target)
 
 
 def _judged(starts: tuple[Start, ...], target: Target) -> Fit:
+    """Returns the best end of all starts, with intervals and the combinations that are not determined."""
     inside = dict(target.inside)
     finite = [start for start in starts if math.isfinite(start.chi2)]
     if not finite:
@@ -93,7 +116,7 @@ def _judged(starts: tuple[Start, ...], target: Target) -> Fit:
     r, jacobian = linearised(as_float(boxes.to_coordinates(best.ended, inside)), target)
     to_value = boxes.slopes(best.ended, inside)
     fisher = np.array(jacobian)
-    # What is round-off beside the others says nothing, and must not say it of combinations with them.
+    # Columns at the level of round-off carry no information. They would contaminate combinations with the others.
     said = np.max(np.abs(fisher), axis=0)
     fisher[:, said < 1e-9 * np.max(said)] = 0.0
     _, singular, axes = np.linalg.svd(fisher, full_matrices=False)
@@ -113,6 +136,7 @@ def _judged(starts: tuple[Start, ...], target: Target) -> Fit:
 
 
 def _in_words(axis: Float[np.ndarray, "P"], inside: Mapping[str, Box]) -> str:
+    """Returns a combination of numbers in words, with the largest weight positive: "+0.71 log a -0.71 log b"."""
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     parts = [
         f"{weight:+.2f} {f'log {name}' if box.positive else name}"

@@ -1,4 +1,4 @@
-"""The starts of a fit that are done, in a file (JSON), so that a fit called again does not search from them again."""
+"""A file (JSON) of the starts of a fit that are done, from which an interrupted fit continues."""
 
 import hashlib
 import json
@@ -7,11 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import optax
 
 from ..inputs.scene_files import to_toml
 from ..inputs.scene_tables import SceneFile
 from ..stepping.march import AbstractMarch
 from .boxes import Box
+from .descent import fingerprint_of
 from .observations import Observations
 from .search import Start
 
@@ -22,19 +24,22 @@ def fingerprint(
     observations: Observations,
     march: AbstractMarch,
     tolerance: float,
+    method: optax.GradientTransformation | None,
 ) -> str:
-    """A hash of all that the ends of the searches depend on; the starts themselves and their number are not in it."""
+    """Returns a hash of everything that determines the end of a search from a given start."""
     text = [to_toml(scene_file), repr(sorted(inside.items())), repr(march), repr(tolerance), repr(observations.t_end)]
     for name in sorted(observations.seen):
         text += [name, repr(np.asarray(observations.seen[name]).tolist()), repr(float(observations.deviation[name]))]
+    if method is not None:
+        text.append(fingerprint_of(method))
     return hashlib.sha256("\n".join(text).encode()).hexdigest()
 
 
 def resumed(checkpoint: str | Path | None, mark: str) -> list[Start]:
-    """The starts in the file; none without a file.
+    """Returns the starts in the file; an empty list without a file.
 
     Raises:
-        ValueError: the file is of another fit, or of something else.
+        ValueError: the file belongs to another fit or is no such file.
     """
     if checkpoint is None or not Path(checkpoint).exists():
         return []
@@ -49,7 +54,7 @@ def resumed(checkpoint: str | Path | None, mark: str) -> list[Start]:
 
 
 def keep(checkpoint: str | Path | None, mark: str, done: list[Start]) -> None:
-    """Writes the starts into the file, which is a whole one at every moment."""
+    """Writes the starts into the file, which is replaced as a whole."""
     if checkpoint is None:
         return
     path = Path(checkpoint)

@@ -1,4 +1,4 @@
-"""What was observed of a vesicle, and the model that shows the same quantities for given numbers of a scene.
+"""Observations of a vesicle, and the model that computes the same quantities from the numbers of a scene.
 
 observed = {"deformation_along_field": D}, any diagnostics (T, …) at t_end k/T, k = 1 … T, and "radii" (T, M, K)
 """
@@ -26,7 +26,7 @@ from ..stepping.march import AbstractMarch
 
 
 class Observations(NamedTuple):
-    """What was seen at the T equally spaced times up to `t_end`, by name, and its standard deviations."""
+    """Observed quantities by name, at T equally spaced times up to `t_end`, and their standard deviations."""
 
     t_end: float
     seen: dict[str, Float[np.ndarray, "T ..."]]
@@ -34,9 +34,10 @@ class Observations(NamedTuple):
 
 
 def radii(x: VesiclePoints, K: int) -> Float[Array, "M K"]:
-    """Distance from the centroid to the outline in K directions, from x on: how an observed shape is given.
+    """Returns the distances from the centroid to the outline in K directions (M, K), the first along x.
 
-    Of outlines that a ray from the centroid meets once; cubic in the node spacing over four.
+    This is the form in which an observed shape is given. A ray from the centroid must meet the outline once. The
+    outline is interpolated linearly between four times as many nodes.
     """
 
     def one(x):
@@ -50,7 +51,7 @@ def radii(x: VesiclePoints, K: int) -> Float[Array, "M K"]:
 
 
 class Model(eqx.Module):
-    """What a run with these numbers would show at the times of the observations."""
+    """A function from numbers of the scene to the observed quantities at the observed times."""
 
     scene_file: SceneFile = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
@@ -61,7 +62,12 @@ class Model(eqx.Module):
 
     @classmethod
     def of(cls, scene_file: SceneFile, observations: Observations, march: AbstractMarch | None = None) -> "Model":
-        """Raises ValueError for observations that do not fit together, SceneError for keys that no fit can honour."""
+        """Returns the model of a scene for these observations.
+
+        Raises:
+            ValueError: the observations do not fit together.
+            SceneError: the scene has a key that no fit can honour.
+        """
         require("observations.t_end", observations.t_end, POSITIVE)
         counts = {len(values) for values in observations.seen.values()}
         if len(counts) != 1 or 0 in counts:
@@ -78,7 +84,7 @@ class Model(eqx.Module):
         return cls(scene_file, tuple(sorted(observations.seen)), directions, saves, observations.t_end, march)
 
     def __call__(self, values: Mapping[str, Array]) -> dict[str, Float[Array, "T ..."]]:
-        """NaN where the run does not reach its end."""
+        """Returns the observed quantities (T, ...) by name; NaN if the run does not reach its end."""
         result = Case(self.scene_file).simulate(values, t_end=self.t_end, saves=self.saves, march=self.march)
         complete = result.status == status.COMPLETE
         found = {name: jnp.where(complete, value, jnp.nan) for name, value in result.diagnostics.items()}
@@ -96,6 +102,6 @@ def _shown(model: Model, values):
 
 
 def shown(model: Model, values: Mapping[str, float]) -> dict[str, Float[np.ndarray, "T ..."]]:
-    """What the model shows with these numbers: to make or to draw observations."""
+    """Returns what the model computes from these numbers, for synthetic observations or for plots."""
     found = _shown(model, {name: as_float(value) for name, value in values.items()})
     return {name: np.asarray(history) for name, history in found.items()}

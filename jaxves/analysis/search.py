@@ -1,7 +1,7 @@
-"""The search for the least χ² from one point: what `fit` does for each of its starts.
+"""The search for the minimum of χ² from one point, which `fit` makes for each of its starts.
 
-The numbers are searched in the coordinates of `boxes`. A trust region (SciPy's `least_squares`) takes a run that breaks
-down for too long a step. The derivatives are forward: P unknowns cost P tangents of a run.
+The search works in the coordinates of `boxes`. The trust region is SciPy's `least_squares`, for which a run that breaks
+down is a step that was too long. The derivatives are forward: P unknowns cost P tangents of a run.
 """
 
 import math
@@ -25,7 +25,7 @@ from .observations import Model, Observations
 
 
 class Start(NamedTuple):
-    """Where one search began and ended."""
+    """One search: the numbers at its beginning and end, χ² at its end, its number of runs, whether it converged."""
 
     began: dict[str, float]
     ended: dict[str, float]
@@ -35,7 +35,7 @@ class Start(NamedTuple):
 
 
 class Target(NamedTuple):
-    """What is minimised: the model, the bounds of its numbers, and the observations with their deviations."""
+    """The definition of χ²: the model, the bounds of its numbers, and the observations with their deviations."""
 
     model: Model
     inside: tuple[tuple[str, Box], ...]
@@ -44,14 +44,14 @@ class Target(NamedTuple):
 
     @classmethod
     def of(cls, model: Model, inside: Mapping[str, Box], observations: Observations) -> "Target":
-        """The target of a fit."""
+        """Returns the target of a fit."""
         seen = {name: as_float(values) for name, values in observations.seen.items()}
         return cls(model, tuple(inside.items()), seen, {name: as_float(observations.deviation[name]) for name in seen})
 
 
 @eqx.filter_jit
 def linearised(c: Float[Array, "P"], target: Target) -> tuple[Float[Array, "R"], Float[Array, "R P"]]:
-    """Residuals and their Jacobian in the coordinates; NaN where the run breaks down."""
+    """Returns residuals (R,) and their Jacobian (R, P) in the coordinates; NaN if the run breaks down."""
     model, inside, seen, deviation = target
 
     def both(c):
@@ -66,7 +66,7 @@ def linearised(c: Float[Array, "P"], target: Target) -> tuple[Float[Array, "R"],
 def starting_points(
     inside: Mapping[str, Box], scene_file: SceneFile, count: int, seed: int = 0
 ) -> list[dict[str, float]]:
-    """The scene's own numbers, then `count` - 1 more spread over the boxes (Sobol's sequence)."""
+    """Returns the scene's own numbers, then `count` - 1 more points spread over the boxes (Sobol sequence)."""
     own = numbers(scene_file)
     points = [{name: own[name] for name in inside}]
     if count > 1:
@@ -79,9 +79,10 @@ def starting_points(
 
 
 def trust_region(point: Mapping[str, float], target: Target, tolerance: float, max_steps: int) -> Start:
-    """The end of a trust-region search from `point`, with at most `max_steps` runs; χ² is infinite if the first breaks.
+    """Returns the end of a trust-region search from `point` with at most `max_steps` runs.
 
-    The search ends when a step changes the coordinates or χ² by less than `tolerance`, relative.
+    The search ends when a step changes the coordinates or χ² by less than `tolerance`, relative. χ² is infinite if the
+    first run breaks down.
     """
     inside = dict(target.inside)
     first = boxes.to_coordinates(point, inside)
