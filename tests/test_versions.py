@@ -12,6 +12,7 @@ import jax
 import pytest
 
 import jaxves
+from jaxves.base import jax_parts
 from jaxves.sweeps import processes
 
 ROOT = Path(__file__).parent.parent
@@ -19,8 +20,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DECLARED = {"jaxves": PROJECT["dependencies"], "dev": PROJECT["optional-dependencies"]["dev"]}
 # Modules with another name than the distribution; `pydantic` requires exactly one release of `pydantic-core`.
 INSTALLED_BY = {"pydantic_core": "pydantic", "PIL": "pillow"}
-# JAX and xarray load these, the tests run these, and people fit with this.
-NOT_IMPORTED = {"jaxlib", "h5netcdf", "netCDF4", "beartype", "ipykernel", "pytest-xdist", "ruff", "optax"}
+# JAX and xarray load these, and the tests run these.
+NOT_IMPORTED = {"jaxlib", "h5netcdf", "netCDF4", "beartype", "ipykernel", "pytest-xdist", "ruff", "import-linter"}
 
 
 def names(requirements):
@@ -90,3 +91,16 @@ def test_a_barrier_that_has_moved_in_jax_is_named_by_processes_that_need_it(monk
     with pytest.raises(RuntimeError, match=r"jax._src.distributed.*use one process") as refusal:
         processes.wait("together")
     assert jax.__version__ in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+def test_parts_of_jax_that_are_not_public_are_used_in_one_file():
+    private = re.compile(r"\bjax\._src\b|\bjax\.core\b|\bjax\.interpreters\b|\bjax\.extend\b|\bjaxlib\._[a-z]")
+    files = {path.name for path in (ROOT / "jaxves").rglob("*.py") if private.search(path.read_text(encoding="utf-8"))}
+    assert files == {"jax_parts.py"}
+
+
+def test_a_jax_without_the_class_of_traced_values_is_named_in_one_line(monkeypatch):
+    monkeypatch.setattr(jax, "core", None)
+    with pytest.raises(ImportError, match=r"lacks jax\.core\.Tracer .*pip install jax==") as refusal:
+        jax_parts.tracer_type()
+    assert "\n" not in str(refusal.value)

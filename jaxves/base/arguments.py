@@ -15,11 +15,14 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from .bounds import Bounds
+from .jax_parts import tracer_type
+
+_TRACER = tracer_type()
 
 
 def is_known(*values: Any) -> bool:
     """Returns whether no part of any value is traced."""
-    return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+    return not any(isinstance(leaf, _TRACER) for leaf in jax.tree.leaves(values))
 
 
 def refusal(argument: str, value: Any, expected: str) -> ValueError:

@@ -9,9 +9,9 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from ..base.jax_parts import barrier
+
 _WEEK = 7 * 24 * 3600 * 1000  # milliseconds
-_BARRIER = "jax._src.distributed.global_state.client.wait_at_barrier"
-_KNOWN_JAX = "0.10.2"  # has it
 
 
 def is_first() -> bool:
@@ -45,18 +45,7 @@ def wait(name: str) -> None:
     A single process does not wait.
 
     Raises:
-        RuntimeError: this release of JAX does not have the barrier, which is not part of its public interface.
+        RuntimeError: this release of JAX does not have the barrier (`base.jax_parts`).
     """
     if jax.process_count() > 1:
-        # JAX's public barrier is a collective operation, which on CPUs fails after half a minute. Processes may arrive
-        # here hours apart. The service behind `jax.distributed` has a barrier whose time limit can be set.
-        try:
-            from jax._src.distributed import global_state
-
-            barrier = global_state.client.wait_at_barrier
-        except (ImportError, AttributeError) as error:
-            raise RuntimeError(
-                f"The processes of a sweep cannot wait for each other: jax {jax.__version__} lacks {_BARRIER} "
-                f"({error}); use one process, or python -m pip install jax=={_KNOWN_JAX}"
-            ) from error
-        barrier(name, timeout_in_ms=_WEEK)
+        barrier()(name, timeout_in_ms=_WEEK)  # processes may arrive here hours apart
