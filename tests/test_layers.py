@@ -1,6 +1,11 @@
-"""The folders of the package are layers: imports go one way, and input and files are handled without JAX."""
+"""The folders of the package are layers: imports go one way, and input and files are handled without JAX.
 
+Files and functions are short, and no file uses a private name of another one.
+"""
+
+import ast
 import shutil
+import statistics
 import subprocess
 import sys
 from pathlib import Path
@@ -37,3 +42,33 @@ def test_an_arrow_that_is_turned_is_found(file, turned, broken, tmp_path):
     found = contracts(tmp_path)
     lines = [line for line in " ".join(found.stdout.split()).split("BROKEN")]
     assert found.returncode == 1 and any(broken in line[-120:] for line in lines[:-1]), found.stdout + found.stderr
+
+
+def sources() -> dict[Path, str]:
+    return {path.relative_to(ROOT): path.read_text(encoding="utf-8") for path in ROOT.glob("jaxves/**/*.py")}
+
+
+def test_no_file_is_longer_than_can_be_read_at_once():
+    lengths = {path: len(text.splitlines()) for path, text in sources().items()}
+    assert {path: length for path, length in lengths.items() if length > 300} == {}
+    assert statistics.median(lengths.values()) <= 120
+
+
+def test_no_function_is_longer_than_a_screen():
+    """With its docstring."""
+    long = []
+    for path, text in sources().items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef) and node.end_lineno - node.lineno + 1 > 60:
+                long.append(f"{path}:{node.lineno} {node.name}")
+    assert long == []
+
+
+def test_no_file_imports_a_private_name_of_another():
+    found = []
+    for path, text in sources().items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                private = [name.name for name in node.names if name.name.startswith("_") and name.name != "__version__"]
+                found += [f"{path}:{node.lineno} {name}" for name in private]
+    assert found == []
