@@ -95,8 +95,9 @@ def is_sweep(path: str | os.PathLike) -> bool:
 
 
 def read_sweep(path: str | os.PathLike) -> SweepRecord:
-    """Reads the file of a sweep, except time series and shapes. The sweep may be complete, interrupted or still
-    running.
+    """Reads the file of a sweep, except time series and shapes.
+
+    The sweep may be complete, interrupted or still running.
 
     Raises:
         StoreError: the file does not exist, is not the file of a sweep, or has a later version.

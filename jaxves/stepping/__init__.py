@@ -1,13 +1,13 @@
-"""Many steps of a differential equation.
+"""Time stepping.
 
 schemes     additive Runge-Kutta schemes: one step
-controller  how long the next step is
-state       the state between two steps, and what is kept beside it
-march       the interface of what chooses steps
+controller  step-size control: a PI controller
+state       the state between two steps, averages, and recorded steps
+march       the interface of fixed and adaptive stepping
 fixed       steps of equal length
 adaptive    steps chosen from their embedded error
-loop        the loop over saved instants
-replay      recorded steps once more, for derivatives
-record      `advance`: the loop with the derivative of its steps
-marching    `simulate`: from a scene to saved instants
+loop        the loop over saved times
+replay      derivatives of recorded steps
+record      `advance`: the loop, with its derivative
+marching    `simulate`: from a scene to a result
 """

@@ -1,10 +1,10 @@
 r"""Steps chosen from their embedded error.
 
-Steps end at the saved instants instead of interpolating to them: the rate of change at the end of a step carries stiff
-components, on which no polynomial may be built, and a step costs little more than what is saved.
+Steps end at the saved times; results are not interpolated. An interpolating polynomial would need the rate of change at
+the end of a step, which contains stiff components. A step costs little more than computing the saved quantities.
 
-Derivatives take the sequence of steps as given. Which steps were tried, and how long those were that no stop cut
-short, depends on the scene through error estimates only, and has no part in the derivative of the solution.
+Derivatives keep the sequence of steps fixed. The sizes of the steps depend on the scene only through error estimates,
+and they do not contribute to the derivative of the solution.
 """
 
 import dataclasses
@@ -30,21 +30,20 @@ from .state import Cache, Journey
 
 
 class Adaptive(AbstractMarch, Bounded):
-    """Steps whose embedded error stays below `tolerance` in every node and component (PI controller).
+    """Steps whose embedded error is below `tolerance` in every node and component (PI controller).
 
-    For a tight tolerance `stepper=ARK5()` is the better choice, which scene files make by themselves
-    (`schemes.for_tolerance`).
+    For a tight tolerance `stepper=ARK5()` is better. Scene files choose it automatically (`schemes.for_tolerance`).
 
-    Round-off grows in the highest modes when steps are at the edge of stability of the explicit stages. So errors in
-    the highest quarter of the modes, beyond 3 % of what is there, count `edge_weight` times. That costs almost no
-    steps: the edge stays where it is, and is noticed earlier.
+    If stability limits the steps, round-off grows in the highest modes. Errors in the highest quarter of the modes that
+    exceed 3 % of their content are therefore multiplied by `edge_weight`. This adds almost no steps, because the limit
+    of stability is the same and is only noticed earlier.
 
-    A derivative, in either mode, records the accepted steps, up to `recorded` of them (more end that run as "too many
-    steps"), and follows them once more. `None` records nothing and differentiates the loop of steps itself:
-    a third cheaper for the derivative along one direction, and without reverse mode.
+    For a derivative, forward or reverse, up to `recorded` accepted steps are recorded and replayed. A run with more
+    steps ends as "too many steps". With `recorded=None` nothing is recorded, and the loop itself is differentiated.
+    This is a third cheaper for one direction, and does not allow reverse mode.
 
     Raises:
-        ValueError: the tolerance is known to be out of its bounds, or the scheme has no error estimate.
+        ValueError: a known tolerance is out of its bounds, or the scheme has no error estimate.
     """
 
     bounds: ClassVar = {"tolerance": TOLERANCE}
@@ -69,7 +68,7 @@ class Adaptive(AbstractMarch, Bounded):
 
     @property
     def controller(self) -> PIController:
-        """What chooses the length of the next step."""
+        """The controller of the step size."""
         return PIController(self.stepper.order, self.largest, self.smallest, self.max_steps)
 
     def with_tolerance(self, factor):
@@ -93,7 +92,7 @@ class Adaptive(AbstractMarch, Bounded):
         return lax.while_loop(unfinished, lambda journey: self._attempt(journey, equation, stops), journey)
 
     def _attempt(self, journey: Journey, equation: Equation, stops: Array) -> Journey:
-        """One step, accepted or not."""
+        """Tries one step, and accepts or rejects it."""
         state, cache, tape = journey.state, journey.cache, journey.tape
         t, y = state.t, state.y
         frozen = lax.cond(cache.known, lambda: cache.frozen, lambda: equation.freeze(t, y))
@@ -124,5 +123,5 @@ class Adaptive(AbstractMarch, Bounded):
         return Journey(new, Cache(frozen, ~accepted), tape)
 
     def weighted_error(self, equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
-        """The part of the error of a step to y that is compared with the tolerance."""
+        """Returns the error of a step to y that is compared with the tolerance."""
         return jnp.maximum(norms.error_size(error), self.edge_weight * norms.excess(equation, error, y))

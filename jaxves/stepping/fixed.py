@@ -1,4 +1,4 @@
-"""Steps of equal length between saved instants."""
+"""Steps of equal length between saved times."""
 
 import dataclasses
 import math
@@ -16,7 +16,7 @@ from .state import Journey
 
 
 class AbstractEven(AbstractMarch):
-    """Equal steps between saved instants: no step depends on an error."""
+    """Equal steps between saved times, which do not depend on an error."""
 
     @property
     def recorded(self):
@@ -30,7 +30,11 @@ class AbstractEven(AbstractMarch):
 
 
 class Fixed(AbstractEven):
-    """`steps_per_save` equal steps between saved instants; raises ValueError unless that is a whole number >= 1."""
+    """`steps_per_save` equal steps between saved times.
+
+    Raises:
+        ValueError: `steps_per_save` is not a whole number >= 1.
+    """
 
     steps_per_save: int = eqx.field(static=True)
     stepper: AbstractStepper = ARK4()
@@ -48,7 +52,7 @@ class Fixed(AbstractEven):
     def to(self, t_save, journey, equation, stops):
         h = (t_save - journey.state.t) / self.steps_per_save
 
-        # Reverse mode stores the states alone and recomputes each step.
+        # Reverse mode stores only the states and recomputes each step.
         @eqx.filter_checkpoint
         def one(state):
             frozen = equation.freeze(state.t, state.y)

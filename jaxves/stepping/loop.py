@@ -1,4 +1,4 @@
-"""The loop over saved instants: where a run begins, where its steps must end, and what it saves on the way."""
+"""The loop over saved times: the initial state, the times at which steps must end, and the saved rows."""
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ from .state import Journey, State, Window
 
 
 def initial_state(equation: Equation, march: AbstractMarch, average: Array | None = None) -> State:
-    """The state at t = 0; its status is INVALID where the scene cannot be started."""
+    """Returns the state at t = 0. Its status is INVALID if a run cannot start from the scene."""
     y = equation.start()
     zero = jnp.zeros(())
     window = None
@@ -41,7 +41,7 @@ def initial_state(equation: Equation, march: AbstractMarch, average: Array | Non
 
 
 def stops_of(scene: Scene, t_end, average=None) -> Float[Array, "S"]:
-    """Instants at which steps must end: kinks of the field's history, ends of the averaging window, the end."""
+    """Returns the times at which steps must end: kinks of the field, ends of the averaging window, and `t_end`."""
     stops = [jnp.reshape(as_float(t_end), (1,))]
     if scene.field is not None and scene.field.history is not None:
         stops.append(scene.field.history.breakpoints())
@@ -58,10 +58,10 @@ def march_through(
     stops: Float[Array, "S"],
     checks: Checks,
 ) -> tuple[Journey, dict[str, Array], Int[Array, "K"] | None]:
-    """Marches through the saved instants `times`.
+    """Advances through the saved times.
 
     Returns the journey after the last of them, the rows (K, ...), which are NaN after the end of a run, and the number
-    of steps recorded before each instant (None without a tape).
+    of steps recorded before each saved time (None without a tape).
     """
     stops = jnp.concatenate([stops, times])
 
@@ -69,10 +69,10 @@ def march_through(
         ended = journey.state.status != status.RUNNING
         journey = march.to(t_save, journey, equation, stops)
         state = journey.state
-        # Reverse mode recomputes what is observed instead of storing all intermediate results.
+        # Reverse mode recomputes the row instead of storing all intermediate results.
         row = eqx.filter_checkpoint(observe)(equation, state.t, state.y, state.angle, state.time_error)
         code = checks.judge(equation, state.t, state.y, row)
-        # What ended the run stands; but vesicles no longer resolved may be found to have drifted or crossed.
+        # The status that ended the run is kept. If it is UNRESOLVED, a more severe finding replaces it.
         found = jnp.where(state.status == status.UNRESOLVED, jnp.maximum(code, state.status), state.status)
         code = jnp.where(state.status == status.RUNNING, code, found)
         broken = ended | (state.t < t_save)

@@ -1,4 +1,4 @@
-"""The interface of everything that chooses steps, and what an accepted step does to the state."""
+"""The interface of fixed and adaptive stepping, and the new state after an accepted step."""
 
 import abc
 
@@ -18,11 +18,11 @@ from .state import Journey, State
 
 
 class AbstractMarch(eqx.Module):
-    """How steps are chosen.
+    """A method of choosing the steps.
 
-    `projection=False` leaves out the return to the kept area and metric; it exists to show what that is worth.
-    `recorded` is the number of steps recorded for a derivative, or None when the derivative is that of the loop.
-    `rough` is the spectral tail of a shape beyond which a run ends as unresolved, at any step.
+    `projection=False` leaves out the projection to the conserved area and metric; it is for experiments. `recorded` is
+    the number of steps that can be recorded for a derivative, or None if the loop itself is differentiated. `rough` is
+    the spectral tail of a shape above which a run ends as unresolved at any step.
     """
 
     stepper: eqx.AbstractVar[AbstractStepper]
@@ -32,37 +32,43 @@ class AbstractMarch(eqx.Module):
 
     @abc.abstractmethod
     def first_step(self) -> Scalar:
-        """The first step size to try."""
+        """Returns the first step size to try."""
 
     @abc.abstractmethod
     def begin(self, state: State, equation: Equation) -> Journey:
-        """Sets out from a state."""
+        """Begins stepping from a state."""
 
     @abc.abstractmethod
     def to(self, t_save: Scalar, journey: Journey, equation: Equation, stops: Array) -> Journey:
-        """Steps until `t_save`, or the end of the run. `stops` are all instants, `t_save` included, to end steps at."""
+        """Steps until `t_save`, or to the end of the run.
+
+        `stops` are all times at which steps must end, with `t_save`.
+        """
 
     @abc.abstractmethod
     def with_tolerance(self, factor: float) -> "AbstractMarch":
-        """The same with `factor` times the error allowed in a step, as near as this comes to it."""
+        """Returns the same method with about `factor` times the allowed error of a step."""
 
     def forwards(self) -> "AbstractMarch":
-        """The same for derivatives in forward mode alone, where those cost less."""
+        """Returns the same method for forward mode only, if derivatives are then cheaper."""
         return self
 
     def finish(self, equation: Equation, y: Unknowns, frozen: Frozen) -> Unknowns:
-        """Filter and, unless switched off, project."""
+        """Filters and, unless it is switched off, projects."""
         return equation.project(y, frozen.constraint) if self.projection else equation.filtered(y)
 
     def step(self, equation: Equation, t: Scalar, y: Unknowns, t_new: Scalar) -> Unknowns:
-        """The unknowns at t_new after one step from (t, y)."""
+        """Returns the unknowns at t_new after one step from (t, y)."""
         frozen = equation.freeze(t, y)
         return self.finish(equation, self.stepper.step(equation, frozen, t, y, t_new - t).y, frozen)
 
     def accepted(
         self, state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Unknowns, error: Scalar | None
     ) -> State:
-        """The state after a step from `state`, where `frozen` holds, to (t, y); `error` is its embedded error."""
+        """Returns the state after a step from `state` to (t, y).
+
+        `frozen` is the linear part at the start of the step, and `error` its embedded error.
+        """
         code = norms.step_status(equation, frozen, y, self.rough)
         return State(
             t=t,
@@ -85,5 +91,5 @@ def check_stepper(march: AbstractMarch) -> None:
 
 
 def chosen(condition, new, old):
-    """The tree `new` where the condition holds, else `old`."""
+    """Returns the tree `new` if the condition holds, otherwise `old`."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)

@@ -1,7 +1,7 @@
-"""`advance`: marches through saved instants, and has the derivative of the steps that it made.
+"""`advance`: steps through the saved times. Its derivative is that of the accepted steps.
 
-A run that is not differentiated records nothing. One that is differentiated records its accepted steps, and `replay`
-follows them once more.
+A run that is not differentiated records nothing. A run that is differentiated records its accepted steps, and `replay`
+differentiates them.
 """
 
 import equinox as eqx
@@ -26,9 +26,9 @@ def advance(
     stops: Float[Array, "S"],
     checks: Checks,
 ) -> tuple[State, dict[str, Array]]:
-    """Marches through the saved instants `times`; returns the state and what was saved, (K, ...).
+    """Advances through the saved times; returns the state and the rows (K, ...).
 
-    Rows after the end of a run are NaN. `stops` are instants at which steps must end.
+    Rows after the end of a run are NaN. `stops` are further times at which steps must end.
     """
     run = _marched if march.recorded is None else _differentiable
     return run(equation, march, state, times, stops, checks)
@@ -52,7 +52,7 @@ def _differentiable_jvp(primals, tangents):
 
 @eqx.filter_custom_jvp
 def recorded(equation, march, state, times, stops, checks):
-    """As `advance`; returns also the tape, and how many of its steps lie before each row, (K,)."""
+    """Does the same as `advance`, and also returns the tape and the number of its steps before each row, (K,)."""
     journey = march.begin(state, equation)
     journey = eqx.tree_at(
         lambda j: j.tape, journey, Tape.blank(state.t, state.y, march.recorded), is_leaf=lambda leaf: leaf is None

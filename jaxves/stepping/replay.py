@@ -1,13 +1,13 @@
-r"""Derivatives of a run whose steps are known: the linearised steps, one after the other.
+r"""Derivatives of a run whose accepted steps are recorded: the linearised steps, one after the other.
 
-A loop that runs until it is done has no reverse mode, and its derivative needs none of its decisions. A run that is
-differentiated therefore records its accepted steps (`Tape`), and tangents follow
+A loop with a data-dependent length has no reverse mode. Its derivative does not need the decisions of the step-size
+control. A run that is differentiated therefore records its accepted steps (`Tape`), and tangents satisfy
 
     dy_{n+1} = d step(equation, t_n, y_n, t_{n+1}) [d equation, dt_n, dy_n, dt_{n+1}]
 
-in a loop of fixed length, which can be transposed. Each step is recomputed in it, forwards or backwards, so that memory
-holds the states alone. Steps that end at a stop (a saved instant, a kink of the field's history, an end of
-the averaging window) move with it; all others keep their length.
+in a loop of fixed length, which JAX can transpose for reverse mode. Each step is recomputed, forward or backward, so
+that only the states are stored. The end of a step at a stop (a saved time, a kink of the field, an end of the averaging
+window) moves with the stop. All other steps keep their size.
 """
 
 import equinox as eqx
@@ -22,7 +22,7 @@ from .state import State, Tape, Window
 
 
 def filled(tree: PyTree, tangents: PyTree) -> PyTree:
-    """The tangents with zeros in place of None, where there could be some."""
+    """Returns the tangents with zeros in place of None for all floating-point leaves."""
 
     def fill(leaf, d):
         return jnp.zeros_like(leaf) if d is None and eqx.is_inexact_array(leaf) else d
@@ -31,14 +31,14 @@ def filled(tree: PyTree, tangents: PyTree) -> PyTree:
 
 
 def _only(tree: PyTree, where, values) -> PyTree:
-    """Tangents of a tree: `values` at these places, None elsewhere."""
+    """Returns tangents of a tree that are `values` at these places and None elsewhere."""
     return eqx.tree_at(where, jax.tree.map(lambda _: None, tree), values, is_leaf=lambda leaf: leaf is None)
 
 
 def along(march, equation, d_equation, tape: Tape, d_stops: Array, d_start: State) -> Tape:
-    """Tangents of all points of the tape; those beyond its end repeat the last."""
+    """Returns the tangents of all states of the tape; those after its end repeat the last."""
 
-    # The choice is inside what is recomputed: outside, everything that its branches hold would be stored.
+    # The branch is inside the recomputed function. Outside, the intermediate results of its branches would be stored.
     @eqx.filter_checkpoint
     def linear(made, primals, tangents):
         return lax.cond(made, lambda: eqx.filter_jvp(march.step, primals, tangents)[1], lambda: tangents[2])
@@ -48,13 +48,13 @@ def along(march, equation, d_equation, tape: Tape, d_stops: Array, d_start: Stat
         i, t, y, t_new, stop = slot
         active = i < tape.count
         d_t_new = jnp.where(stop >= 0, d_stops[stop], d_t)
-        # While another batch element still steps, this one makes a step that exists, so that no derivative is NaN.
+        # If only another batch element is still stepping, this one makes a valid step, so that no derivative is NaN.
         primals = (equation, t, y, jnp.where(active, t_new, t + march.first_step()))
         d_y_new = linear(i < length, primals, (d_equation, d_t, d_y, d_t_new))
         tangent = jax.tree.map(lambda new, old: jnp.where(active, new, old), (d_t_new, d_y_new), tangent)
         return tangent, tangent
 
-    length = greatest(tape.count)  # of all batch elements: a step is made for all or for none
+    length = greatest(tape.count)  # the same for all batch elements, so that a step is made for all or for none
     before = jax.tree.map(lambda leaf: leaf[:-1], tape.y)
     slots = (jnp.arange(tape.stop.shape[0]), tape.t[:-1], before, tape.t[1:], tape.stop)
     start = (d_start.t, d_start.y)
@@ -64,7 +64,7 @@ def along(march, equation, d_equation, tape: Tape, d_stops: Array, d_start: Stat
 
 
 def of_each(observe, equation, d_equation, tape: Tape, d_tape: Tape, places: Int[Array, "K"]):
-    """Tangents of observe(equation, t, y) at these points of the tape, (K, ...)."""
+    """Returns the tangents of observe(equation, t, y) at these states of the tape, (K, ...)."""
 
     @eqx.filter_checkpoint
     def linear(primals, tangents):
@@ -78,7 +78,7 @@ def of_each(observe, equation, d_equation, tape: Tape, d_tape: Tape, places: Int
 
 
 def of_state(state: State, start: State, d_start: State, tape: Tape, d_tape: Tape) -> State:
-    """Tangents of the state at the end of the tape, which began at `start`."""
+    """Returns the tangents of the state at the end of the tape, which begins at `start`."""
     y, d_t, d_y = jax.tree.map(lambda leaf: leaf[tape.count], (tape.y, d_tape.t, d_tape.y))
     _, d_angle = jax.jvp(tracking.inclinations, (y,), (d_y,))
     d_window = d_start.window

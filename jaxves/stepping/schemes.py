@@ -1,7 +1,8 @@
-r"""One step in time of y' = F(t, y) with a frozen linear part A: implicit in A, explicit in F - A.
+r"""One time step of y' = F(t, y) that is implicit in a linear part A, frozen during the step, and explicit in F - A.
 
-An equation offers `freeze(t, y)` (F and A at once), `rate(t, y)` (F alone) and `project(y, frozen)`;
-a frozen part offers `implicit(c)`, which solves with 1 - c A. Steppers know nothing else of it.
+An equation has the methods `freeze(t, y)`, which returns F and A together ("frozen"), `rate(t, y)` for F alone, and
+`rate_of(frozen, t)` for the F in `frozen`. The frozen part has `implicit(c)`, which factorises 1 - c A. The schemes use
+nothing else of an equation.
 
 [KC3] C. A. Kennedy, M. H. Carpenter, Additive Runge-Kutta schemes for convection-diffusion-reaction
       equations, Appl. Numer. Math. 44 (2003) 139-181: ARK4(3)6L[2]SA.
@@ -21,21 +22,21 @@ from ..numerics.arrays import Scalar
 
 
 class Step(eqx.Module):
-    """The new y (not yet projected), and the difference of the embedded scheme, if there is one."""
+    """The new y (not yet projected), and the difference to the embedded scheme, None if there is none."""
 
     y: PyTree[Array]
     error: PyTree[Array] | None
 
 
 class AbstractStepper(eqx.Module):
-    """A one-step method of order `order`; `has_error` when it comes with an embedded scheme."""
+    """A one-step method of order `order`. `has_error` says whether it has an embedded scheme."""
 
     order: eqx.AbstractClassVar[int]
     has_error: eqx.AbstractClassVar[bool]
 
     @abc.abstractmethod
     def step(self, equation, frozen, t: Scalar, y: PyTree[Array], h: Scalar) -> Step:
-        """From (t, y) to t + h; `frozen` is `equation.freeze(t, y)`."""
+        """Makes a step from (t, y) to t + h; `frozen` is `equation.freeze(t, y)`."""
 
 
 def _add(y, scale, dy):
@@ -43,7 +44,7 @@ def _add(y, scale, dy):
 
 
 class SemiImplicitEuler(AbstractStepper):
-    """(1 - hA)(y₊ - y) = h F(y): the paper's scheme, first order, geometry and field lagged."""
+    """(1 - hA)(y₊ - y) = h F(y): the first-order scheme of the paper, with everything else at the start of the step."""
 
     order = 1
     has_error = False
@@ -54,7 +55,7 @@ class SemiImplicitEuler(AbstractStepper):
 
 
 class Tableau:
-    """Coefficients of an additive Runge-Kutta pair with one weight vector for both parts."""
+    """The coefficients of an additive Runge-Kutta pair with the same weights for both parts."""
 
     def __init__(self, gamma: float, explicit, implicit, weights, embedded, order: int):
         stages = len(weights)
@@ -88,12 +89,12 @@ class AdditiveRungeKutta(AbstractStepper):
         def history(f):
             return jnp.zeros((len(table.weights), *f.shape)).at[0].set(f)
 
-        # N and L of all stages, zero where not yet known: rows of the tableau are then full sums, and
-        # one compiled stage serves them all.
+        # N and L of all stages are zero until they are known. Every row of the tableau is then a complete sum, and all
+        # stages use the same compiled code.
         explicit = jax.tree.map(history, first)
         implicit = jax.tree.map(jnp.zeros_like, explicit)
 
-        # Making a stage again is cheaper than writing down what its derivative needs.
+        # Recomputing a stage is cheaper than storing what its derivative needs.
         @jax.checkpoint
         def stage(carry, row):
             explicit, implicit = carry
@@ -247,11 +248,12 @@ class ARK5(AdditiveRungeKutta):
 
 
 def for_tolerance(tolerance: float | None, vesicles: int) -> AbstractStepper:
-    """The scheme that gets along with a tolerance: ARK5 where it is tight; ARK4 else, and for fixed steps (None).
+    """Returns the better scheme for a tolerance: ARK5 for tight ones, ARK4 for others and for fixed steps (None).
 
-    By the measurements of `experiments.convergence`. One vesicle: from 1e-6 on ARK5 takes as long as ARK4 for the same
-    error or less; before, stability sets the steps of many scenes, and those of ARK4 are longer and cost less. Several:
-    the errors of all steps add up in their places, and from 1e-5 on only ARK5 keeps them within ten tolerances.
+    The choice follows the measurements of `experiments.convergence`. For one vesicle, ARK5 takes the same time as ARK4
+    for the same error at tolerances of 1e-6 and below. At larger ones stability limits the steps of many scenes, and
+    ARK4 has longer and cheaper steps. For several vesicles the errors of all steps add up in their positions. At 1e-5
+    and below only ARK5 keeps them within ten tolerances.
     """
     tight = 3e-6 if vesicles == 1 else 3e-5
     return ARK5() if tolerance is not None and tolerance < tight else ARK4()

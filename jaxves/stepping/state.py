@@ -1,4 +1,4 @@
-"""The state between two steps, and what is kept beside it during a run: averages, recorded steps, a frozen part."""
+"""The state between two steps, and what accompanies it: integrals for averages, recorded steps, the linear part."""
 
 import equinox as eqx
 import jax
@@ -11,18 +11,18 @@ from ..numerics.arrays import PerVesicle, Scalar
 
 
 class Window(eqx.Module):
-    """Running integrals at the last steps that end at or before the two ends of the averaging window."""
+    """The running integrals after the last steps that end at or before the two ends of the averaging window."""
 
     ends: Float[Array, "2"]
     reached: Float[Array, "2"]
     integrals: dict[str, Array]
 
     def includes(self, t: Array) -> Array:
-        """Which of the instants t, shape (...), come no later than each end, (..., 2)."""
+        """Returns which of the times t (...) are not later than each end, (..., 2)."""
         return t[..., None] <= self.ends * (1 + 1e-14)
 
     def passed(self, t: Scalar, integrals) -> "Window":
-        """The window after a step that ended at t with these integrals."""
+        """Returns the window after a step that ended at t with these integrals."""
         before = self.includes(t)
         reached = jnp.where(before, t, self.reached)
         stored = jax.tree.map(
@@ -31,19 +31,19 @@ class Window(eqx.Module):
         return Window(self.ends, reached, stored)
 
     def means(self) -> dict[str, Array]:
-        """Means over the window; NaN when it has not been entered."""
+        """Returns the means over the window; NaN if it has not been reached."""
         return jax.tree.map(lambda pair: (pair[1] - pair[0]) / (self.reached[1] - self.reached[0]), self.integrals)
 
 
 class State(eqx.Module):
-    """Everything that a continuation needs, and nothing that can be recomputed."""
+    """Everything that is needed to continue a run, without what can be recomputed."""
 
     t: Scalar
     y: Unknowns
     h: Scalar  # length of the next step
-    last_error: Scalar  # of the last accepted step, in units of the tolerance
-    time_error: Scalar | None  # sum of the embedded errors of all accepted steps, where the method has any
-    angle: PerVesicle  # what the equation follows without jumps: the unwrapped inclination at t
+    last_error: Scalar  # error of the last accepted step, in units of the tolerance
+    time_error: Scalar | None  # sum of the embedded errors of all accepted steps; None for schemes without any
+    angle: PerVesicle  # unwrapped inclination at t
     window: Window | None
     steps: Int[Array, ""]
     rejected: Int[Array, ""]
@@ -51,7 +51,7 @@ class State(eqx.Module):
 
 
 class Tape(eqx.Module):
-    """The accepted steps: the points that they join, and the stop at which each of them ended (-1: none)."""
+    """The record of accepted steps: the states between them, and the stop at which each step ended (-1: none)."""
 
     t: Float[Array, "points"]
     y: Unknowns  # with `points` as first axis
@@ -60,18 +60,21 @@ class Tape(eqx.Module):
 
     @classmethod
     def blank(cls, t: Scalar, y: Unknowns, length: int) -> "Tape":
-        """Room for `length` steps from (t, y); points not reached hold the start, from which a step can be made."""
+        """Returns an empty record for `length` steps from (t, y).
+
+        Unused states are the start, so that steps from them are valid.
+        """
         t, y = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (length + 1, *leaf.shape)), (t, y))
         return cls(t, y, jnp.full(length, -1, dtype=int), jnp.int32(0))
 
     def is_full(self) -> Bool[Array, ""]:
-        """Whether another step would find no room."""
+        """Returns whether there is no room for another step."""
         return self.count == self.stop.shape[0]
 
     def with_step(self, accepted: Array, t: Scalar, y: Unknowns, stop: Int[Array, ""]) -> "Tape":
-        """The tape with one step more, if that was accepted."""
+        """Returns the record with one more step, if it was accepted."""
         after = self.count + accepted
-        # Refused steps are written out of bounds, which drops them.
+        # Rejected steps are written out of bounds, where JAX drops them.
         place = jnp.where(accepted, self.count, self.stop.shape[0] + 1)
 
         def put(all_, new):
@@ -82,14 +85,14 @@ class Tape(eqx.Module):
 
 
 class Cache(eqx.Module):
-    """The frozen part at the current state, if it is known."""
+    """The linear part at the current state, if it is known."""
 
     frozen: Frozen
     known: Bool[Array, ""]
 
 
 class Journey(eqx.Module):
-    """A state during a run, with what is kept beside it: the frozen part, and the tape of a run that is recorded."""
+    """A state during a run, with the linear part and, if steps are recorded, the tape."""
 
     state: State
     cache: Cache | None = None
