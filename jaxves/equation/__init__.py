@@ -1,11 +1,15 @@
 """The differential equation dy/dt = F(t, y), and its linear part for implicit steps.
 
-state           the unknowns, and what is known about one instant
+state           the unknowns, and all quantities at one instant
+electrics       charging of the membranes and electric force
+mobility        velocities from forces
 inextensible    the tension that keeps the membrane from stretching
-linear_part     what implicit steps take of F
-implicit        the linear systems of implicit steps
-symmetry        the symmetry of a scene, kept exactly
-equation        F itself
-norms           how large errors and changes are; whether a step may be gone on from
-tracking        inclinations followed without jumps of π
+coupled         linear systems that couple all membranes
+linear_part     matrices of the linear part A for the shapes
+implicit        the linear part A at one instant, and solving with 1 - c A
+projection      filter and projection after each step
+symmetry        symmetries of a single vesicle, which are kept exactly
+equation        F, A and the constraints
+norms           sizes of errors and changes, and checks of each step
+tracking        inclinations without jumps of π
 """

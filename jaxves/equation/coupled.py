@@ -1,4 +1,4 @@
-"""Linear systems that couple all membranes: one factorisation of everything, or GMRES."""
+"""Linear systems that couple all membranes, solved by one factorisation or by GMRES."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ from ..numerics import krylov, linear
 from ..numerics.arrays import VesicleNodes
 from ..operators.interactions import AbstractInteractions
 
-_COUPLED = 1e-11  # true relative residual of the systems that couple membranes
+_COUPLED = 1e-11  # tolerance for the true relative residual
 
 
 def solve_coupled(
@@ -19,9 +19,9 @@ def solve_coupled(
     across: AbstractInteractions,
     b: VesicleNodes,
 ) -> linear.Solution:
-    """Solves (B + C) x = b by GMRES: B the factorised `blocks` of the membranes, C x = respond(across, x).
+    """Solves (B + C) x = b by GMRES. B has the factorised `blocks` of the membranes, and C x = respond(across, x).
 
-    The blocks are the preconditioner; where the interactions have a cheaper form, Chebyshev steps with it follow.
+    The blocks are the preconditioner. If the interactions have a cheaper form, Chebyshev steps with it improve it.
     """
     M, N = b.shape
     rough = across.roughly()
@@ -44,7 +44,7 @@ def solve_coupled(
 
 
 def assembled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"]) -> linear.AbstractFactoredDense:
-    """The factorised matrix of all membranes: `blocks` on its diagonal, `coupled` off it."""
+    """Returns the factorised matrix of all membranes, with `blocks` on its diagonal and `coupled` off it."""
     M, N, _ = blocks.shape
     m = np.arange(M)
     whole = coupled.reshape(M, N, M, N).at[m, :, m, :].set(blocks).reshape(M * N, M * N)

@@ -1,7 +1,7 @@
-r"""What a field does to the membranes: the rates of the scalars that it charges, and the Maxwell traction.
+r"""Charging of the membranes by a field, and the electric force on them.
 
-`AbstractElectrics` is what the equation of motion asks for. `MembraneCharging` is the model of the paper: a capacitive
-membrane between two leaky dielectrics (`physics.electric` has the formulas), with V_m as the one scalar.
+`AbstractElectrics` is the interface for the equation of motion. `MembraneCharging` is the model of the paper: a
+capacitive membrane between two leaky dielectrics, with V_m as the only scalar. `physics/electric.py` has the formulas.
 """
 
 import abc
@@ -24,10 +24,10 @@ from .coupled import assembled, solve_coupled
 
 
 class AbstractElectric(eqx.Module):
-    """What is known of the field at one instant.
+    """The electric quantities at one instant.
 
-    `traction`: force of the field on the membranes per arc length, (M, N, 2). `charge`: the jump q of the normal field,
-    (M, N). `fields`: on both sides of the membranes.
+    `traction` is f_el, the electric force per arc length, (M, N, 2). `charge` is the jump q of the normal derivative of
+    the potential, (M, N). `fields` are the electric fields on both sides of the membranes.
     """
 
     traction: eqx.AbstractVar[VesiclePoints]
@@ -36,34 +36,35 @@ class AbstractElectric(eqx.Module):
 
 
 class AbstractElectrics(eqx.Module):
-    """How a field charges the membranes, and how it pulls at them."""
+    """An electric model: the rates of the scalars, and the electric force."""
 
     @abc.abstractmethod
     def start(self, scene: Scene) -> dict[str, VesicleNodes]:
-        """The scalars at the start, (M, N) each."""
+        """Returns the scalars at the start by name, (M, N) each."""
 
     @abc.abstractmethod
     def solve(
         self, t: Scalar, surfaces: Surfaces, scalars: dict[str, VesicleNodes], *, direct: bool, factored: bool
     ) -> tuple[AbstractElectric, linear.Solution, linear.AbstractFactored]:
-        """The field at one instant, the linear solution behind it, and the factors that `linear_part` needs.
+        """Returns the electric quantities at one instant, the linear solution, and factors for `linear_part`.
 
-        `direct`: systems that couple membranes are solved by factors. `factored`: `linear_part` will be called.
+        With `direct`, systems that couple membranes are factorised and not solved by GMRES. `factored` says that
+        `linear_part` will be called.
         """
 
     @abc.abstractmethod
     def rates(
         self, found: AbstractElectric, scalars: dict[str, VesicleNodes], velocity: VesiclePoints
     ) -> dict[str, VesicleNodes]:
-        """Time derivatives of the scalars at material points, once the velocity of the nodes is known."""
+        """Returns the time derivatives of the scalars at material points, given the velocity of the nodes."""
 
     @abc.abstractmethod
     def linear_part(self, surfaces: Surfaces, factors: linear.AbstractFactored) -> Float[Array, "M n n"]:
-        """The implicit part of `rates` of every membrane by itself, for all its scalars in the order of their names."""
+        """Returns the linear part of `rates` for each membrane, for all its scalars in the order of their names."""
 
 
 class MembraneElectric(AbstractElectric):
-    """The field about capacitive membranes; `w` (M, N) is the unknown of its integral equation, q = η w."""
+    """The electric quantities for capacitive membranes. `w` (M, N) is the unknown of the integral equation, q = η w."""
 
     w: VesicleNodes
     charge: VesicleNodes
@@ -72,9 +73,9 @@ class MembraneElectric(AbstractElectric):
 
 
 class MembraneCharging(AbstractElectrics):
-    """χ dV_m/dt + G V_m = Λ/(1+Λ) w, with the charge in the fluids in equilibrium at every instant.
+    """χ dV_m/dt + G V_m = Λ/(1+Λ) w. The charge in the fluids is in equilibrium at every instant.
 
-    `solver` is of one membrane's charge where its factors are not needed; `cut` modes are removed from rates.
+    `solver` solves for the charge of one membrane if its factors are not needed. `cut` modes are removed from rates.
     """
 
     field: Field
@@ -119,7 +120,7 @@ class MembraneCharging(AbstractElectrics):
         matrices = 0.5 * np.eye(V_m.shape[1]) + kernel * curves.speed[:, None, :]
         flux = curves.normal @ field.E_inf(t) + surfaces.dlp_dn(V_m)
         across = surfaces.interactions
-        # The implicit part and GMRES need the factors themselves; a lone solve may be iterative.
+        # The linear part and the preconditioner of GMRES need the factors. Otherwise the solver may be iterative.
         solver = self.solver if across is None and not factored else linear.Dense()
         charge = jax.vmap(lambda matrix: solver.factor(linear.LinearOperator(matrix)))(matrices)
         if across is None:
@@ -153,10 +154,13 @@ def _charging_matrix(
     chi: Scalar,
     cut: int,
 ) -> Float[Array, "N N"]:
-    """(Λ/(1+Λ) (½ + S'η)⁻¹ D' - G)/χ of one membrane, Λ/(1+Λ) the inner `share`; `charge` solves with ½ + S'η."""
+    """Returns (Λ/(1+Λ) (½ + S'η)⁻¹ D' - G)/χ of one membrane.
+
+    `share` is Λ/(1+Λ), and `charge` solves with ½ + S'η.
+    """
     D = fourier.derivative_matrix(curve.speed.shape[0])
     low_pass = fourier.low_pass_matrix(curve.speed.shape[0], cut)
-    # D · kernel · D over |x_α|, low-passed on the right by its constant factor
+    # D · kernel · D / |x_α|, with the low-pass filter applied to its constant right factor
     dlp_dn = (D @ (laplace_slp @ (D @ low_pass))) / curve.speed[:, None]
     response = fourier.low_pass_rows(share * charge.solve_columns(dlp_dn), cut)
     return (response - conductance * low_pass) / chi

@@ -1,13 +1,13 @@
-r"""The equation of motion dy/dt = F(t, y) of y = (x, scalars), its implicit part A, and its constraints.
+r"""The equation of motion dy/dt = F(t, y) for y = (x, scalars), its linear part A for implicit steps, its constraints.
 
     dx/dt   = v_∞ + S[f_hd],     f_hd = -κ_B x_ssss + (σ x_s)_s - f_el,     x_s · (dx/dt)_s = 0
 
-and the rates of the scalars, which the electrics give (dV_m/dt of a charging membrane). F eliminates the tension σ and
-the charge by solving for them; what is found on the way is part of its implicit part A.
+The electric model gives the rates of the scalars, such as dV_m/dt. F solves for the tension σ and the charge at every
+evaluation. The factors of these systems are also used in A.
 
-Spectral derivatives cannot see the Nyquist mode, so nothing would damp it. σ and the scalars lose it, and x loses a
-band more, because a stretching pattern just below Nyquist is invisible to a σ without it. Nothing here knows how time
-is stepped.
+Spectral derivatives of the Nyquist mode vanish, so nothing would damp this mode. It is removed from σ and the scalars.
+A wider band is removed from x, because a σ without the Nyquist mode cannot prevent stretching just below it. This file
+does not depend on the time stepping.
 """
 
 import equinox as eqx
@@ -39,9 +39,9 @@ from .symmetry import Symmetry
 class Equation(eqx.Module):
     """F, A and the constraints for one scene.
 
-    `area` (M,) and `speed` (M,), the arc length per unit of α, are what the projection returns to. `electrics` is None
-    without a field, `coupling` for a lone membrane, `symmetry` where none is kept. `integrands` are what running
-    integrals integrate, as a function (Motion, Scene, t) -> dict, or None.
+    The projection restores `area` (M,) and `speed` (M,), the arc length per unit of α. `electrics` is None without a
+    field, `coupling` is None for a single membrane, and `symmetry` is None if no symmetry is kept. `integrands` is a
+    function (Motion, Scene, t) -> dict of the integrands of running integrals, or None.
     """
 
     scene: Scene
@@ -57,25 +57,25 @@ class Equation(eqx.Module):
 
     @property
     def is_alone(self) -> bool:
-        """Whether one membrane is alone in free space: it may then be a circle, and keep its symmetry."""
+        """Whether there is a single membrane in free space. It may be a circle, and its symmetries are kept."""
         return self.coupling is None
 
     def kept(self) -> dict[str, PerVesicle]:
-        """The areas and perimeters that do not change, by the names of the diagnostics."""
+        """Returns the areas and perimeters, which are conserved, by the names of the diagnostics."""
         return {"area": self.area, "length": 2 * np.pi * self.speed}
 
     def is_circle(self) -> Array:
-        """Which vesicles hold all the area that their perimeter allows, to rounding; (M,) booleans."""
+        """Returns which vesicles are circles, to round-off; (M,) booleans."""
         return self.area > (1 - 1e-10) * jnp.pi * self.speed**2
 
     # -- F ------------------------------------------------------------------------------------
 
     def motion(self, t: Scalar, y: Unknowns) -> Motion:
-        """F(y) and everything found on the way."""
+        """Returns F(y) together with all quantities at this instant."""
         return self._motion(t, y, factored=False)[0]
 
     def rate(self, t: Scalar, y: Unknowns) -> Unknowns:
-        """F(y); NaN where too many near pairs would make it wrong in silence."""
+        """Returns F(y). It is NaN if there are too many near pairs, which would make it wrong."""
         motion = self.motion(t, y)
         rate = self._rate(t, motion)
         across = motion.surfaces.interactions
@@ -84,7 +84,7 @@ class Equation(eqx.Module):
         return jax.tree.map(lambda leaf: jnp.where(jnp.isposinf(motion.residual), jnp.nan, leaf), rate)
 
     def rate_of(self, frozen: Frozen, t: Scalar) -> Unknowns:
-        """F(y) at the instant of `frozen`, without computing it again."""
+        """Returns F(y) at the instant of `frozen`, without computing it again."""
         return self._rate(t, frozen.motion)
 
     def _rate(self, t: Scalar, motion: Motion) -> Unknowns:
@@ -98,7 +98,7 @@ class Equation(eqx.Module):
         return Constraint.of(surfaces, self.mobility, self.is_circle(), self.filter.surface)
 
     def _motion(self, t: Scalar, y: Unknowns, *, factored: bool):
-        """F, and the factorised parts that A and the constraints are made of (of the charge when `factored`)."""
+        """Returns F, the constraint, and the factors of the charge, which A needs (only if `factored`)."""
         scene, surfaces = self.scene, self._surfaces(y)
         curves = surfaces.curves
         direct = self.coupling is not None and self.coupling.direct
@@ -142,7 +142,7 @@ class Equation(eqx.Module):
     # -- A ------------------------------------------------------------------------------------
 
     def freeze(self, t: Scalar, y: Unknowns) -> Frozen:
-        """A(y), together with F(y)."""
+        """Returns A(y) together with F(y)."""
         motion, constraint, charge = self._motion(t, y, factored=True)
         surfaces = motion.surfaces
         cuts = dict(cut=self.filter.x, surface_cut=self.filter.surface)
@@ -159,7 +159,7 @@ class Equation(eqx.Module):
         return Frozen(motion, constraint, A_x, A_all, A_scalars)
 
     def _all_shapes(self, motion: Motion, constraint: Constraint) -> Float[Array, "n n"]:
-        """A_x of all membranes while any are near, else zero."""
+        """Returns A_x of all membranes as one matrix if any are near, otherwise zero."""
         surfaces = motion.surfaces
 
         def near():
@@ -173,14 +173,14 @@ class Equation(eqx.Module):
     # -- constraints --------------------------------------------------------------------------
 
     def filtered(self, y: Unknowns) -> Unknowns:
-        """y without the modes that nothing damps."""
+        """Returns y without the modes that nothing damps."""
         return projection.filtered(y, self.filter)
 
     def project(self, y: Unknowns, constraint: Constraint) -> Unknowns:
-        """Filter, then one Newton step back to uniform metric and own area, with the operators of `constraint`.
+        """Filters, and makes one Newton step to uniform metric and conserved area, with the operators of `constraint`.
 
-        It converges quadratically: the error of a step of order p, of size h^p, becomes its square. A lone circle, and
-        the symmetries of a lone vesicle, are restored exactly.
+        It converges quadratically: an error of size h^p after a step of order p becomes its square. A single circle,
+        and the symmetries of a single vesicle, are restored exactly.
         """
         y = self.filtered(y)
         x = projection.corrected(y.x, self.area, self.speed, constraint, self.filter)
@@ -190,7 +190,7 @@ class Equation(eqx.Module):
         return projection.symmetric(Unknowns(x, y.scalars, y.integrals), self.symmetry)
 
     def settled(self, y: Unknowns) -> Unknowns:
-        """y filtered, then projected until metric and area hold to round-off."""
+        """Filters y, and projects it until metric and area are right to round-off."""
 
         def once(y, _):
             surfaces = Surfaces.of(y.x, electric=False, refinement=self.refinement)
@@ -199,13 +199,13 @@ class Equation(eqx.Module):
         return jax.lax.scan(once, self.filtered(y), length=4)[0]
 
     def with_nodes(self, N: int) -> "Equation":
-        """The same with N nodes a membrane, which return to the same areas and perimeters."""
+        """Returns the same equation with N nodes per membrane, with the same areas and perimeters."""
         x = fourier.resample(self.scene.x, N, axis=1)
         scene = eqx.tree_at(lambda s: (s.x, s.V_m), self.scene, (x, None), is_leaf=lambda leaf: leaf is None)
         return eqx.tree_at(lambda e: (e.scene, e.filter), self, (scene, Filter.for_nodes(N)))
 
     def start(self) -> Unknowns:
-        """The starting state, settled."""
+        """Returns the starting state, filtered and projected."""
         scene = self.scene
         y = self.settled(Unknowns(scene.x, {} if self.electrics is None else self.electrics.start(scene)))
         if self.integrands is not None:
@@ -215,7 +215,10 @@ class Equation(eqx.Module):
 
 
 def _worst(solutions: list[linear.Solution], surfaces: Surfaces) -> tuple[Scalar, Array]:
-    """The largest residual and number of iterations; the residual is infinite when near pairs had too little room."""
+    """Returns the largest residual and the number of iterations.
+
+    The residual is infinite if there was no room for all near pairs.
+    """
     residual, iterations = jnp.zeros(()), jnp.int32(0)
     for solution in solutions:
         residual = jnp.maximum(residual, jnp.max(solution.residual))
@@ -235,16 +238,16 @@ def equation_for(
     keep_symmetry: bool = True,
     integrands=None,
 ) -> Equation:
-    """The equation of a scene; areas and perimeters are those of its starting curves.
+    """Builds the equation of a scene. Areas and perimeters are those of its starting curves.
 
     Args:
-        scene: what is simulated.
-        filter: modes that are removed; by the number of nodes where it is not given.
-        solver: of one membrane's charge; by size where it is not given.
-        coupling: of several membranes; by size where it is not given.
-        refinement: finer grids where a membrane comes near itself; up to 8 times as fine where it is not given.
-        keep_symmetry: whether a lone vesicle that starts symmetric is kept so.
-        integrands: what running integrals integrate, (Motion, Scene, t) -> dict.
+        scene: the scene.
+        filter: the modes that are removed; the default depends on the number of nodes.
+        solver: solver for the charge of one membrane; the default depends on the number of nodes.
+        coupling: interactions of several membranes; the default depends on their size.
+        refinement: finer grids where a membrane comes close to itself; up to 8 times finer by default.
+        keep_symmetry: whether a single vesicle that starts symmetric is kept symmetric.
+        integrands: integrands of running integrals, a function (Motion, Scene, t) -> dict.
     """
     curves = jax.vmap(Curve.from_nodes)(scene.x)
     M, N, _ = scene.x.shape

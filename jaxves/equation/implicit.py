@@ -1,7 +1,8 @@
-"""The implicit part A of the equation at one instant, and solving with 1 - c A.
+"""The linear part A of the equation at one instant, and solving with 1 - c A.
 
-A is block lower triangular: the shapes, the scalars, and where the model has it the dependence of the scalars' rates on
-the shapes. Shapes are solved by one block per membrane, or as one matrix while membranes are near each other.
+A is block lower triangular. Its blocks are the shapes, the scalars, and, if the model has it, the dependence of the
+rates of the scalars on the shapes. Systems for the shapes have one block per membrane, or one matrix while membranes
+are near.
 """
 
 from collections.abc import Callable
@@ -19,7 +20,10 @@ from .state import Motion, Unknowns
 
 
 class Shifted(eqx.Module):
-    """1 - c A of the shapes, factored: by blocks, but as one matrix while `near`; None where that never is."""
+    """The factorised 1 - c A for the shapes: blocks, or one matrix (`whole`) while `near`.
+
+    `whole` and `near` are None if one matrix is never used.
+    """
 
     blocks: linear.AbstractFactoredDense
     whole: linear.FactoredLU | None
@@ -33,7 +37,7 @@ class Shifted(eqx.Module):
         c: Scalar,
         near: Bool[Array, ""] | None,
     ):
-        """`A` is zero while no pair is near; the factors of the identity are then used without computing them."""
+        """Factorises. `A` is zero while no pair is near; the factors of the identity are then used directly."""
         if A is None:
             return cls(blocks, None, None)
         one = jnp.eye(A.shape[0])
@@ -53,9 +57,9 @@ class Shifted(eqx.Module):
 
 
 class Implicit(eqx.Module):
-    """1 - c A, factored; the identity on running integrals.
+    """The factorised 1 - c A. It is the identity for running integrals.
 
-    `below`, where there is one, gives c times what a change of the shapes adds to the scalars.
+    `below`, if not None, returns c times the rate of the scalars that a change of the shapes causes.
     """
 
     x: Shifted
@@ -76,25 +80,25 @@ class Implicit(eqx.Module):
 
 
 def _stacked(scalars: dict[str, VesicleNodes]) -> Float[Array, "M n"]:
-    """All scalars of every membrane as one vector, in the order of their names."""
+    """Returns all scalars of each membrane as one vector, in the order of their names."""
     parts = jax.tree.leaves(scalars)
     return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=1)
 
 
 def _unstacked(values: Float[Array, "M n"], like: dict[str, VesicleNodes]) -> dict[str, VesicleNodes]:
-    """The inverse of `_stacked`, with the names of `like`."""
+    """Returns the scalars of stacked values; the inverse of `_stacked`, with the names of `like`."""
     leaves, names = jax.tree.flatten(like)
     parts = [values] if len(leaves) == 1 else jnp.split(values, len(leaves), axis=1)
     return jax.tree.unflatten(names, parts)
 
 
 class Frozen(eqx.Module):
-    """The implicit part at one instant, with the constraint that projections use.
+    """The linear part at one instant, with the constraint for the projection.
 
-    `A_x` (M, 2N, 2N) is of the shapes, one block per membrane. `A_all` replaces it while membranes are near; it is zero
-    otherwise, and None where one matrix of all is not used. `A_scalars` (M, n, n) is of the scalars, in the order of
-    their names; None without any. `below` is the rate of the scalars that a change (M, N, 2) of the shapes causes, at
-    fixed scalars; None where the explicit part takes it.
+    `A_x` (M, 2N, 2N) is for the shapes, with one block per membrane. `A_all` replaces it while membranes are near. It
+    is zero otherwise, and None if one matrix is never used. `A_scalars` (M, n, n) is for the scalars, in the order of
+    their names; None without scalars. `below` returns the rate of the scalars that a change (M, N, 2) of the shapes
+    causes at fixed scalars; None if it is treated explicitly.
     """
 
     motion: Motion
@@ -105,7 +109,7 @@ class Frozen(eqx.Module):
     below: Callable[[VesiclePoints], dict[str, VesicleNodes]] | None = None
 
     def implicit(self, c: Scalar) -> Implicit:
-        """The factorised 1 - c A."""
+        """Factorises 1 - c A."""
 
         def shifted(A):
             return linear.factor_blocks(jnp.eye(A.shape[-1]) - c * A)

@@ -1,6 +1,7 @@
-r"""Tension as what keeps the length of every piece of membrane: the stretch it causes, and how it moves the nodes.
+r"""The tension that keeps the membrane inextensible: its linear systems, and the velocity it causes.
 
-With G the single layer, T σ = (σ x_s)_s and Q v = x_s·v_s, a stretch Q u is undone by σ = -(Q G T)⁻¹ Q u.
+With the single layer G, T σ = (σ x_s)_s and Q v = x_s·v_s, a velocity u has the stretch rate Q u. The tension
+σ = -(Q G T)⁻¹ Q u cancels it.
 """
 
 import equinox as eqx
@@ -21,9 +22,9 @@ from .mobility import AbstractMobility
 
 
 class TensionBlock(eqx.Module):
-    """One membrane's response to its own tension: G T (2, N, N), and -|x_α| Q G T (N, N).
+    """The response of one membrane to its own tension: `spread` = G T (2, N, N), `stiffness` = -|x_α| Q G T (N, N).
 
-    The second is symmetric and, with the modes of σ that are filtered pinned, positive definite.
+    The stiffness is symmetric. With 1 on the diagonal for the filtered modes of σ, it is positive definite.
     """
 
     spread: Float[Array, "2 N N"]
@@ -31,9 +32,10 @@ class TensionBlock(eqx.Module):
 
     @classmethod
     def of(cls, curve: Curve, pull: StokesBlocks, is_circle, cut: int) -> "TensionBlock":
-        """Of one membrane; `pull` (N, N) is its mobility times ∂_α, in which the weight |x_α| cancels that of ∂_s.
+        """Builds the blocks of one membrane.
 
-        On a circle a uniform tension is a pressure and moves nothing: the gauge is mean σ = 0.
+        `pull` (N, N) is the mobility times ∂_α, in which the weight |x_α| cancels that of ∂_s. On a circle a uniform
+        tension is a pressure and causes no motion. The mean of σ is then set to zero.
         """
         N = curve.speed.shape[0]
         D = fourier.derivative_matrix(N)
@@ -47,14 +49,14 @@ class TensionBlock(eqx.Module):
 
 
 class Constraint(eqx.Module):
-    """Inextensibility at one instant, per membrane: how tension moves it, and the factorised stretch it causes."""
+    """Inextensibility at one instant, per membrane: the velocity from a tension, and the factorised stiffness."""
 
     spread: Float[Array, "M 2 N N"]
     tension: linear.AbstractFactoredDense
 
     @classmethod
     def of(cls, surfaces: Surfaces, mobility: AbstractMobility, is_circle: Bool[Array, " M"], cut: int) -> "Constraint":
-        """Of each membrane by itself; `cut` modes are filtered from tensions."""
+        """Builds the constraint for each membrane; `cut` modes are filtered from tensions."""
         blocks = jax.vmap(lambda *parts: TensionBlock.of(*parts, cut))(
             surfaces.curves, mobility.own_of_derivative(surfaces), is_circle
         )
@@ -62,7 +64,7 @@ class Constraint(eqx.Module):
 
 
 def stretch_response(velocity: StokesBlocks, target: Curve, source: Curve, cut: int) -> Float[Array, "N N"]:
-    """|x_α| Q S T from the tension of one membrane to the stretch of another, without the modes filtered from both."""
+    """Returns |x_α| Q S T, from the tension of one membrane to the stretch rate of another, both filtered."""
     D = fourier.derivative_matrix(target.speed.shape[0])
     d_ds = D / source.speed[:, None]
     xx, xy, yy = velocity.xx @ d_ds, velocity.xy @ d_ds, velocity.yy @ d_ds
@@ -74,9 +76,9 @@ def stretch_response(velocity: StokesBlocks, target: Curve, source: Curve, cut: 
 def solve_tension(
     surfaces: Surfaces, constraint: Constraint, stretch: VesicleNodes, *, cut: int, direct: bool
 ) -> linear.Solution:
-    """The tensions (M, N) that undo |x_α| times a stretch (M, N) of the membranes.
+    """Solves for the tensions (M, N) that cancel a stretch rate; `stretch` (M, N) is |x_α| times this rate.
 
-    `cut` modes are filtered from tensions; `direct`: membranes are coupled by factors and not by GMRES.
+    `cut` modes are filtered from tensions. With `direct`, the coupled system is factorised and not solved by GMRES.
     """
     across = surfaces.interactions
     if across is None:
@@ -94,7 +96,7 @@ def solve_tension(
 
 
 def assembled_tension(surfaces: Surfaces, constraint: Constraint, cut: int) -> linear.AbstractFactoredDense:
-    """The factorised stretch of all membranes that all their tensions cause, from the matrices of all pairs."""
+    """Returns the factorised matrix from all tensions to all stretch rates, from the matrices of all pairs."""
     pairs = surfaces.interactions.matrices()
 
     def block(velocity, target, source):

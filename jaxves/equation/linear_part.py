@@ -1,13 +1,13 @@
-r"""The matrices of the implicit part of shapes, at one instant.
+r"""The matrices of the linear part A for the shapes, at one instant.
 
     A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q
 
-Geometry and tension are held fixed. The metric is taken as uniform, since the projection keeps it uniform. `cut` modes
-are removed from x, `surface_cut` from tensions.
+Geometry and tension are fixed. The metric is taken as uniform, because the projection keeps it so. `cut` modes are
+removed from x, `surface_cut` modes from tensions.
 
-One block per membrane leaves the effect of a thin film on the bending of its two sides to the explicit part, and that
-is stiff: with 64 nodes and a gap of 0.031 a the explicit part grows at up to 2190 per t_κ, which forbids steps of 4e-3
-(2e-3 is stable). With one matrix of all membranes it grows at up to 34. While no pair is near, the blocks suffice and
+With one block per membrane, the effect of a thin film on the bending of its two sides is explicit, and this is stiff.
+With 64 nodes and a gap of 0.031 a the explicit part grows at up to 2190 per t_κ. Steps of 4e-3 are then unstable; 2e-3
+is stable. With one matrix for all membranes it grows at up to 34. If no pair is near, the blocks are sufficient and
 cost less.
 """
 
@@ -25,7 +25,7 @@ from .inextensible import Constraint
 
 
 def _elastic_matrix(curve: Curve, sigma: Float[Array, " N"], bending: Scalar, cut: int) -> Float[Array, "N N"]:
-    """-κ_B ∂_s⁴ + ∂_s σ ∂_s of a component of x."""
+    """Returns the matrix of -κ_B ∂_s⁴ + ∂_s σ ∂_s for one component of x."""
     N = sigma.shape[0]
     D = fourier.derivative_matrix(N)
     D_low = D @ fourier.low_pass_matrix(N, cut)
@@ -43,7 +43,7 @@ def shape_block(
     cut: int,
     surface_cut: int,
 ) -> Float[Array, "n n"]:
-    """A_x of one membrane by itself, 2N unknowns ordered by component, node; `own` is its mobility."""
+    """Returns A_x of one membrane, with 2N unknowns ordered by component, node; `own` is its mobility."""
     D = fourier.derivative_matrix(sigma.shape[0])
     K = jnp.mean(curve.speed) * _elastic_matrix(curve, sigma, bending, cut)
     xx, xy, yy = own.xx @ K, own.xy @ K, own.yy @ K
@@ -65,9 +65,9 @@ def shape_matrix(
     cut: int,
     surface_cut: int,
 ) -> Float[Array, "n n"]:
-    """A_x of all nodes, ordered by membrane, component, node.
+    """Returns A_x of all nodes, ordered by membrane, component, node.
 
-    `tension` solves for the tensions of all membranes from |x_α| times their stretch.
+    `tension` solves for the tensions of all membranes from |x_α| times their stretch rates.
     """
     M, N = sigma.shape
     curves = surfaces.curves
@@ -78,7 +78,7 @@ def shape_matrix(
     stretch = jnp.einsum("ina,np,iapkbl->inkbl", curves.tangent, D, velocity, optimize=[(1, 2), (0, 1)])
     stretch = fourier.low_pass(stretch, surface_cut, axis=1)
     response = tension.solve_columns(stretch.reshape(M * N, 2 * M * N))
-    # f_tension = ∂_s (σ t): what tensions move
+    # the force of tensions, f_tension = ∂_s (σ t), and the velocity it causes
     pull = D[:, None, :] * jnp.swapaxes(curves.tangent, 1, 2)[:, None] / curves.speed[:, :, None, None]
     moved = jnp.einsum("iankbm,kmbl->iankl", S, pull).reshape(2 * M * N, M * N) @ response
     rows = velocity + moved.reshape(velocity.shape)
@@ -86,7 +86,7 @@ def shape_matrix(
 
 
 def _single_layer(surfaces: Surfaces) -> Float[Array, "M 2 N M 2 N"]:
-    """Velocities at all nodes from forces per arc length at all nodes."""
+    """Returns the matrix from forces per arc length at all nodes to velocities at all nodes."""
 
     def whole(blocks):
         rows = jnp.stack([blocks.xx, blocks.xy], axis=-2), jnp.stack([blocks.xy, blocks.yy], axis=-2)

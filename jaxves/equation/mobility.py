@@ -1,7 +1,7 @@
-r"""From forces on the fluid to velocities of the membranes.
+r"""Velocities of the membranes from forces on the fluid.
 
-Everything else asks the mobility and not the single layer, so that fluids of two viscosities, or walls, are another
-mobility.
+All other files use the mobility and not the single layer. Fluids with two viscosities, or walls, can therefore be added
+as another mobility.
 """
 
 import abc
@@ -16,22 +16,22 @@ from ..potentials.self_stokes import StokesBlocks
 
 
 class AbstractMobility(eqx.Module):
-    """Velocities that forces and an imposed flow cause."""
+    """The velocities that forces and an imposed flow cause."""
 
     @abc.abstractmethod
     def velocity(self, surfaces: Surfaces, force: VesiclePoints, imposed: VesiclePoints | None = None) -> VesiclePoints:
-        """Velocity of all nodes, (M, N, 2), from forces per arc length on the fluid and an imposed flow at the nodes.
+        """Returns the velocity of all nodes (M, N, 2) from forces per arc length and an imposed flow at the nodes.
 
         It is linear in both together.
         """
 
     @abc.abstractmethod
     def own(self, surfaces: Surfaces) -> StokesBlocks:
-        """Of every membrane by itself, (M, N, N): from |x_α| times a force per arc length to its velocity."""
+        """Returns the matrices (M, N, N) from |x_α| times a force per arc length to the own velocity."""
 
     @abc.abstractmethod
     def own_of_derivative(self, surfaces: Surfaces) -> StokesBlocks:
-        """`own` times ∂_α: from a density g to the velocity that the force ∂_s g causes, (M, N, N)."""
+        """Returns `own` times ∂_α (M, N, N): from a density g to the velocity that the force ∂_s g causes."""
 
 
 class EqualViscosities(AbstractMobility):
@@ -49,7 +49,7 @@ class EqualViscosities(AbstractMobility):
 
         def of_one(stokes_slp, laplace_slp):
             xx, xy, log = stokes_slp.xx @ D, stokes_slp.xy @ D, laplace_slp @ D
-            # S_yy = log + const - S_xx, and ∂ leaves no mean: S_yy ∂ needs no product of its own.
+            # S_yy = log + const - S_xx, and the constant times ∂ is zero, so S_yy ∂ needs no further product.
             return StokesBlocks(xx, xy, log - xx)
 
         return jax.vmap(of_one)(surfaces.stokes_slp, surfaces.laplace_slp)

@@ -1,11 +1,11 @@
-r"""How large an error or a change of the unknowns is, and whether a state can be stepped on from.
+r"""Sizes of errors and changes of the unknowns, and the checks after each step.
 
-Step control asks these functions, so that it need not know what the unknowns mean. No derivative is taken of what
-they return.
+Step-size control uses these functions, so that it does not depend on the meaning of the unknowns. Their results have no
+derivative.
 
-With steps at the edge of stability of the explicit stages, round-off in the highest modes grows until the error
-estimate sees it. It then has the size of the tolerance, which is a thousand times what a smooth solution has in these
-modes, and is far larger in curvature and tension. `excess` measures the errors of these modes alone.
+If stability limits the steps, round-off in the highest modes grows until the error estimate notices it. It then has the
+size of the tolerance. This is a thousand times the content of a smooth solution in these modes, and the effect on
+curvature and tension is much larger. `excess` measures the errors of these modes only.
 """
 
 import jax
@@ -21,18 +21,18 @@ from .equation import Equation
 from .implicit import Frozen
 from .state import Motion, Unknowns, verdict
 
-_HIGHEST = 0.25  # share of the modes left by the filter of x that `excess` looks at
-_PART = 0.03  # errors in them below this part of their content are no excess
-ROUGH = 3e-3  # a spectrum whose top exceeds this part of its largest mode is not resolved
+_HIGHEST = 0.25  # fraction of the modes that `excess` uses, of those that the filter of x keeps
+_PART = 0.03  # errors below this fraction of the content of these modes are ignored
+ROUGH = 3e-3  # a spectrum is not resolved if its top exceeds this fraction of its largest mode
 
 
 def error_size(error: Unknowns) -> Scalar:
-    """The largest error of any node in position or potential; NaN when any is."""
+    """Returns the largest error of any node in position or potential; NaN if any is NaN."""
     return lax.stop_gradient(_largest((error.x, error.scalars)))
 
 
 def excess(equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
-    """By how much the error in the highest modes exceeds 3 % of what y has in them; may be negative."""
+    """Returns the error in the highest modes minus 3 % of the content of y in these modes; may be negative."""
     N = y.x.shape[1]
     cut = N // 2 - round((1 - _HIGHEST) * (N // 2 - equation.filter.x))
 
@@ -45,32 +45,32 @@ def excess(equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
 
 
 def displacement(y: Unknowns, other: Unknowns) -> Scalar:
-    """The largest difference of any coordinate of a node between two states; NaN when any is."""
+    """Returns the largest difference of any coordinate of a node between two states; NaN if any is NaN."""
     return _largest((y.x - other.x,))
 
 
 def solve_status(frozen: Frozen) -> Status:
-    """RUNNING, or what the linear solves at a frozen state say against it: SOLVE_FAILED or CROWDED."""
+    """Returns RUNNING, or SOLVE_FAILED or CROWDED if the linear solves at this state failed."""
     return verdict(frozen.motion.residual)
 
 
 def step_status(equation: Equation, frozen: Frozen, y: Unknowns, rough: float) -> Status:
-    """RUNNING, or why a step from a frozen state to y ends the run.
+    """Returns RUNNING, or the status with which a step from a frozen state to y ends the run.
 
-    `rough` is the largest ratio of the top of a spectrum to its largest mode that counts as resolved.
+    `rough` is the largest ratio of the top of a spectrum to its largest mode for a resolved shape.
     """
     code = verdict(frozen.motion.residual)
     unresolved = _is_rough(equation, frozen.motion, y, rough)
     code = jnp.where((code == status.RUNNING) & unresolved, status.UNRESOLVED, code)
-    # Crowded interactions make the step NaN: say why.
+    # If interactions are crowded, the step is NaN. The status is then CROWDED.
     finite = jnp.isfinite(_largest((y.x, y.scalars))) | (code == status.CROWDED)
     return jnp.where(finite, code, status.NOT_FINITE)
 
 
 def _is_rough(equation: Equation, motion: Motion, y: Unknowns, rough: float) -> Bool[Array, ""]:
-    """Whether the shape has a rough spectrum, or wrinkles finer than the nodes resolve would grow in it.
+    """Returns whether the shape has a rough spectrum, or wrinkles grow in it that the nodes do not resolve.
 
-    Wrinkles may come and go between saved instants, and leave a smooth shape that is not the right one.
+    Wrinkles may appear and vanish between saved times, and leave a smooth shape that is wrong.
     """
     cut, N = equation.filter.x, y.x.shape[1]
 
@@ -83,5 +83,5 @@ def _is_rough(equation: Equation, motion: Motion, y: Unknowns, rough: float) -> 
 
 
 def _largest(leaves) -> Scalar:
-    """Largest absolute entry of all arrays; NaN when any is."""
+    """Returns the largest absolute entry of all arrays; NaN if any is NaN."""
     return jnp.max(jnp.stack([jnp.max(jnp.abs(leaf)) for leaf in jax.tree.leaves(leaves)]))

@@ -1,4 +1,4 @@
-"""What is done to a state after every step: filter, return to the constraints, restore the symmetry."""
+"""Corrections of a state after every step: filter, projection to the constraints, symmetry."""
 
 import equinox as eqx
 import jax
@@ -15,19 +15,19 @@ from .symmetry import Symmetry
 
 
 class Filter(eqx.Module):
-    """How many of the highest modes are removed: from x, and from σ and the scalars."""
+    """The number of highest modes that are removed: from x, and from σ and the scalars (`surface`)."""
 
     x: int = eqx.field(static=True)
     surface: int = eqx.field(static=True, default=1)
 
     @classmethod
     def for_nodes(cls, N: int) -> "Filter":
-        """max(2, N/16) from x, Nyquist alone from σ and the scalars."""
+        """Returns the default: max(2, N/16) modes of x, and only the Nyquist mode of σ and the scalars."""
         return cls(max(2, N // 16))
 
 
 def filtered(y: Unknowns, cut: Filter) -> Unknowns:
-    """y without the highest modes."""
+    """Returns y without the highest modes."""
     scalars = jax.tree.map(lambda scalar: fourier.low_pass(scalar, cut.surface), y.scalars)
     return Unknowns(fourier.low_pass(y.x, cut.x, axis=1), scalars, y.integrals)
 
@@ -35,7 +35,7 @@ def filtered(y: Unknowns, cut: Filter) -> Unknowns:
 def corrected(
     x: VesiclePoints, area: PerVesicle, speed: PerVesicle, constraint: Constraint, cut: Filter
 ) -> VesiclePoints:
-    """One Newton step from nodes (M, N, 2) towards the area (M,) and the uniform metric `speed` (M,)."""
+    """Makes one Newton step from nodes (M, N, 2) towards the area (M,) and the uniform metric `speed` (M,)."""
 
     def correction(x, area, speed, constraint):
         curve = Curve.from_nodes(x)
@@ -48,7 +48,7 @@ def corrected(
 
 
 def symmetric(y: Unknowns, symmetry: Symmetry | None) -> Unknowns:
-    """y with the symmetries that a lone vesicle has had from the start; None keeps none."""
+    """Returns y with the symmetries that a single vesicle had at the start; with None, y is not changed."""
     if symmetry is None:
         return y
     x, scalars = jax.tree.map(lambda leaf: leaf[0], (y.x, y.scalars))

@@ -1,4 +1,4 @@
-"""The unknowns of the equation of motion, and what is known about one instant."""
+"""The unknowns of the equation of motion, and all quantities at one instant."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,10 +11,10 @@ from .electrics import AbstractElectric
 
 
 class Unknowns(eqx.Module):
-    """What evolves in time.
+    """The unknowns.
 
-    `x`: nodes (M, N, 2). `scalars`: one number for each node, (M, N), by name; without a field there is none, with one
-    it is the transmembrane potential "V_m". `integrals`: running time integrals by name, of any shape.
+    `x` are the nodes (M, N, 2). `scalars` have one number for each node, (M, N), by name. With a field this is the
+    transmembrane potential "V_m"; without a field there are none. `integrals` are running time integrals by name.
     """
 
     x: VesiclePoints
@@ -23,7 +23,7 @@ class Unknowns(eqx.Module):
 
     @classmethod
     def of(cls, x: VesiclePoints, V_m: VesicleNodes | None = None) -> "Unknowns":
-        """Nodes (M, N, 2), and the transmembrane potential (M, N) where there is a field."""
+        """Returns the unknowns with nodes (M, N, 2) and, if there is a field, the transmembrane potential (M, N)."""
         return cls(x, {} if V_m is None else {"V_m": V_m})
 
     @property
@@ -33,10 +33,10 @@ class Unknowns(eqx.Module):
 
 
 class Motion(eqx.Module):
-    """Everything that is known about one instant, forces and fields included.
+    """All quantities at one instant, with forces and fields.
 
-    `electric` is None without a field. `residual` is the worst true relative residual of all linear solves, and
-    infinite when the interactions had too little room for near pairs; `iterations` is the largest number of any.
+    `electric` is None without a field. `residual` is the largest true relative residual of all linear solves. It is
+    infinite if there was no room for all near pairs. `iterations` is the number of iterations of the solves.
     """
 
     surfaces: Surfaces
@@ -44,12 +44,12 @@ class Motion(eqx.Module):
     sigma: VesicleNodes
     f_hd: VesiclePoints
     electric: AbstractElectric | None
-    rates: dict[str, VesicleNodes]  # of the scalars
+    rates: dict[str, VesicleNodes]  # time derivatives of the scalars
     residual: Scalar
     iterations: Array
 
 
 def verdict(residual: Scalar) -> Status:
-    """RUNNING, or the status that the residual of a `Motion` stands for."""
+    """Returns RUNNING, or the status for a residual that is too large or infinite."""
     code = jnp.where(residual < 1e-6, status.RUNNING, status.SOLVE_FAILED)
     return jnp.where(jnp.isposinf(residual), status.CROWDED, code)

@@ -1,15 +1,16 @@
-r"""The symmetries of a lone vesicle that its motion keeps.
+r"""Symmetries of a single vesicle that its motion conserves.
 
-A uniform field and a linear flow look the same from both ends of a vesicle: what is symmetric about its centre at the
-start remains so. Without a flow, what is also its own mirror image in an axis along the field or across it remains
-that. Discretely both hold to round-off, but the neck of a bud under compression amplifies what is broken of them by
-1e8 and more. So what the start has is restored after every step, and what it lacks by more than 1e-10 is left alone:
+A uniform field and a linear flow are symmetric about a point. A vesicle that is symmetric about its centre at the start
+therefore remains so. Without a flow, a vesicle that is also symmetric in an axis along or across the field remains so
+as well. In the discrete equations both hold to round-off, but a compressed neck amplifies deviations by 1e8 and more.
+The symmetries of the start are therefore restored after every step. A start that deviates by more than 1e-10 is not
+changed.
 
     about the centre:  x(α + π) = -x(α),   V_m(α + π) = -V_m(α)
     in the axis a:     x(-α) = R x(α),     V_m(-α) = ±V_m(α),    R = 2 a aᵀ - 1,
 
-with x from the centre and a through the first node. V_m, like every scalar, is linear in the field: + where a lies
-along it, - across it.
+with x relative to the centre, and a through the first node. V_m, like every scalar, is linear in the field. The sign is
++ if a is along the field and - if a is across it.
 """
 
 import equinox as eqx
@@ -21,22 +22,22 @@ from jaxtyping import Array, Bool, Float
 from ..numerics.arrays import NodePoints, Nodes, Scalar
 from ..physics.scene import Scene
 
-# Of the size of a vesicle, in units of which potentials are too:
-_KEPT = 1e-10  # nearer to symmetric is symmetric
-_LOST = 1e-7  # no step breaks more of it by round-off
+# Relative to the size of the vesicle, which is also the unit of potentials:
+_KEPT = 1e-10  # a start with a smaller deviation is symmetric
+_LOST = 1e-7  # round-off in one step causes smaller deviations
 
 
 class Symmetry(eqx.Module):
-    """What a lone vesicle has at the start, and therefore always."""
+    """The symmetries that a single vesicle has at the start, and therefore always."""
 
     about_center: Bool[Array, ""]
     in_axis: Bool[Array, ""]
     axis: Float[Array, "2"]
-    parity: Scalar  # of the scalars in the axis
+    parity: Scalar  # sign of the scalars under reflection in the axis
 
     @classmethod
     def of(cls, scene: Scene) -> "Symmetry":
-        """The symmetries of the start that field and flow share."""
+        """Returns the symmetries that the start has in common with field and flow."""
         scalars = {} if scene.V_m is None else {"V_m": scene.V_m[0]}
         x, scalars = lax.stop_gradient((scene.x[0], scalars))
         axis = (x[0] - jnp.mean(x, axis=0)) / _size(x)
@@ -54,15 +55,14 @@ class Symmetry(eqx.Module):
 
     @property
     def kept(self) -> str:
-        """What is kept, in words (outside compiled code); empty if nothing."""
+        """The symmetries that are kept, in words (outside compiled code); empty if there are none."""
         words = {"about its centre": self.about_center, "in its axis": self.in_axis}
         return " and ".join(word for word, kept in words.items() if kept)
 
     def restored(self, x: NodePoints, scalars: dict[str, Nodes]) -> tuple[NodePoints, dict[str, Nodes]]:
-        """x (N, 2) and scalars (N,) with the symmetries of the start, where round-off broke them.
+        """Returns x (N, 2) and scalars (N,) with the symmetries of the start, without deviations by round-off.
 
-        Derivatives are untouched. What is further from symmetric than round-off can make it in a step was disturbed on
-        purpose, and is left alone.
+        Derivatives are not changed. A larger deviation was made on purpose, and the state is then not changed.
         """
         size = _size(x)
         for wanted, *image in self._images():
@@ -72,7 +72,7 @@ class Symmetry(eqx.Module):
         return x, scalars
 
     def _images(self):
-        """For each symmetry whether it is wanted, and the symmetric parts of x and of a scalar as functions."""
+        """Yields, for each symmetry, whether it is kept, and functions for the symmetric parts of x and of a scalar."""
         yield self.in_axis, lambda x: _in_axis(x, self.axis), lambda scalar: _mirrored(scalar, self.parity)
         yield self.about_center, _about_center, _opposite
 
@@ -82,7 +82,7 @@ def _size(x: NodePoints) -> Scalar:
 
 
 def _missing(image, x: NodePoints, scalars: dict[str, Nodes]) -> tuple[NodePoints, dict[str, Nodes]]:
-    """What x and the scalars lack to be symmetric; `image` has the symmetric part of each."""
+    """Returns what must be added to x and the scalars to make them symmetric; `image` has the symmetric parts."""
     of_x, of_scalar = image
     return of_x(x) - x, jax.tree.map(lambda scalar: of_scalar(scalar) - scalar, scalars)
 
@@ -97,12 +97,12 @@ def _about_center(x: NodePoints) -> NodePoints:
 
 
 def _opposite(f: Array) -> Array:
-    """The part of f, (N, ...), that changes sign half-way round."""
+    """Returns the part of f, (N, ...), that changes its sign under α → α + π."""
     return 0.5 * (f - jnp.roll(f, f.shape[0] // 2, axis=0))
 
 
 def _backwards(f: Array) -> Array:
-    """f(-α)."""
+    """Returns f(-α)."""
     return jnp.roll(f[::-1], 1, axis=0)
 
 

@@ -1,4 +1,4 @@
-"""The inclination of each vesicle followed through a run, without jumps of π."""
+"""The inclination angle of each vesicle during a run, without jumps of π."""
 
 import jax
 import jax.numpy as jnp
@@ -10,15 +10,15 @@ from .state import Unknowns
 
 
 def inclinations(y: Unknowns) -> PerVesicle:
-    """The angle between the x axis and the major axis of each vesicle, (M,)."""
+    """Returns the angle between the x axis and the major axis of each vesicle, (M,)."""
     return jax.vmap(lambda x: geometry.inclination(Curve.from_nodes(x)))(y.x)
 
 
 def turned(angle: PerVesicle, inclination: PerVesicle) -> PerVesicle:
-    """The unwrapped angle nearest to `angle` that has this inclination; an axis has period π."""
+    """Returns the unwrapped angle nearest to `angle` that has this inclination; an axis has the period π."""
     return angle + jnp.mod(inclination - angle + 0.5 * jnp.pi, jnp.pi) - 0.5 * jnp.pi
 
 
 def followed(angle: PerVesicle, y: Unknowns) -> PerVesicle:
-    """The unwrapped inclinations at y, where those of the step before were `angle`."""
+    """Returns the unwrapped inclinations at y; `angle` are those after the step before."""
     return turned(angle, inclinations(y))
