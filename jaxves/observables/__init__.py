@@ -4,6 +4,8 @@ quantities      names, units and axes of the diagnostics; no JAX
 diagnostics     deformation, tension, energy, gaps and others at one instant
 classes         the class (P, O or POP) of a time series; no JAX
 pair_classes    the same for pairs of vesicles; no JAX
+rows            everything that is saved at one time
+checks          limits of a result, and the end of a run
 certificate     error estimates of a run; no JAX
 fields          velocity, pressure and electric field at any points
 """

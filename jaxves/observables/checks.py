@@ -1,4 +1,4 @@
-"""Limits beyond which a saved instant is no result, and what ends a run early."""
+"""Limits for results at saved times, and the conditions that end a run early."""
 
 import equinox as eqx
 import jax
@@ -17,9 +17,11 @@ from . import diagnostics
 
 
 class Checks(eqx.Module):
-    """Limits beyond which a result is no result. `steady`: the speed below which a run may end.
+    """Limits for a valid result.
 
-    `film`: of the estimated relative error of the drainage of a film thinner than the node spacing.
+    `tail` is the largest spectral tail. `film` is the largest estimated relative error of the drainage rate of a film
+    that is thinner than the node spacing. `drift` is the largest relative change of area and perimeter. `steady` is the
+    speed below which a run ends as steady, or None.
     """
 
     tail: float = eqx.field(static=True, default=ROUGH)
@@ -28,14 +30,14 @@ class Checks(eqx.Module):
     steady: Scalar | None = None
 
     def judge(self, equation: Equation, t: Scalar, y: Unknowns, row: dict[str, Array]) -> Status:
-        """The status that one saved instant calls for."""
+        """Returns the status for one saved row: RUNNING, or why the run ends."""
         code = jnp.int32(status.RUNNING)
         if self.steady is not None:
             motion = equation.motion(t, y)
             still = _speed_of_shape(motion, y) < self.steady
             code = jnp.where(still & (t > 0), status.STEADY, code)
         unresolved = jnp.max(row["diagnostics/spectral_tail"]) > self.tail
-        # A neck or fold finer than the kernels of a membrane on itself can follow.
+        # The neck or fold is too narrow for the self-interaction kernels.
         spacing = 2 * np.pi * equation.speed / y.x.shape[1]
         pinched = jnp.any(row["diagnostics/self_gap"] < self_refined.RESOLVED * spacing)
         code = jnp.where(unresolved | pinched, status.UNRESOLVED, code)
@@ -52,7 +54,7 @@ class Checks(eqx.Module):
         return jnp.where(finite, code, status.NOT_FINITE)
 
     def _of_several(self, y: Unknowns, row: dict[str, Array], code: Status) -> Status:
-        """The status once the films between vesicles are looked at as well, and whether vesicles overlap."""
+        """Returns the status after checking the films between vesicles, and whether vesicles overlap."""
         curves = jax.vmap(Curve.from_nodes)(y.x)
         thin = row["diagnostics/min_gap"] < jnp.max(jax.vmap(lambda curve: curve.weights)(curves))
         unresolved = thin & (row["diagnostics/film_error"] > self.film)
@@ -61,7 +63,10 @@ class Checks(eqx.Module):
 
 
 def _speed_of_shape(motion: Motion, y: Unknowns) -> Scalar:
-    """How fast shape and potential change at fixed places on the outline; tank-treading alone gives zero."""
+    """Returns the largest rate of change of shape and potential at fixed places on the outline.
+
+    It is zero for steady tank-treading.
+    """
     curves = motion.surfaces.curves
     weights = curves.weights[..., None] / jnp.sum(curves.weights, axis=1)[:, None, None]
     relative = motion.velocity - jnp.sum(weights * motion.velocity, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""What is saved of one instant."""
+"""Everything that is saved at one time."""
 
 import jax
 from jaxtyping import Array
@@ -14,7 +14,10 @@ from . import diagnostics
 def observe(
     equation: Equation, t: Scalar, y: Unknowns, angle: PerVesicle, time_error: Scalar | None
 ) -> dict[str, Array]:
-    """Everything that is saved of one instant, flat, by the names of the result file."""
+    """Returns everything that is saved at one time, as a flat dictionary with the names of the result file.
+
+    `angle` (M,) are the unwrapped inclinations before, `time_error` is the sum of the embedded errors so far.
+    """
     motion = equation.motion(t, y)
     tension = jax.vmap(membrane.physical_tension)(motion.surfaces.curves, motion.sigma, equation.scene.bending)
     out = {"t": t, "x": y.x, "tension": tension}

@@ -1,8 +1,8 @@
-"""Which potentials act between which curves.
+"""The layer potentials between all membranes of a scene.
 
-interactions    what vesicles do to one another: abstract operators, and loops over pairs
+interactions    interfaces for interactions between membranes, and loops over pairs
 pairs           interactions as matrices of all pairs
-near_pairs      the pairs that are close
-sums            interactions without matrices
-surfaces        all curves of a scene with the operators that act on them
+near_pairs      search for close pairs
+sums            interactions as sums, without matrices
+surfaces        all membranes of a scene with their layer potentials
 """

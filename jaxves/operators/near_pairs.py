@@ -1,8 +1,8 @@
-"""Which membranes are near each other, in memory that grows with their number and not with its square.
+"""Search for close pairs of membranes, with memory that grows like their number and not like its square.
 
-For every target the sources whose circumscribed circles come nearest are candidates, a fixed number of them; the
-distance of nodes then decides. What is found fills a list of fixed length, so that compiled code knows its size;
-where candidates or list do not suffice, `overflow` says so.
+For every target, a fixed number of sources with the nearest circumscribed circles are candidates. The distance of their
+nodes then decides. The pairs are stored in a list of fixed length, because compiled code needs a fixed size. `overflow`
+says that there were too few candidates or that the list was too short.
 """
 
 import equinox as eqx
@@ -13,11 +13,11 @@ from jaxtyping import Array, Bool, Int
 from ..geometry.curve import Curve
 from .interactions import is_near_curve
 
-_CANDIDATES = 3  # for every pair that there is room for: circles of slender vesicles overlap where these do not
+_CANDIDATES = 3  # candidates per stored pair; circles of slender vesicles overlap more often than the vesicles
 
 
 class NearPairs(eqx.Module):
-    """Ordered pairs in need of close evaluation; rows that are not `valid` hold no pair."""
+    """The ordered pairs that need close evaluation; rows that are not `valid` are unused."""
 
     target: Int[Array, "K"]
     source: Int[Array, "K"]
@@ -26,7 +26,10 @@ class NearPairs(eqx.Module):
 
     @classmethod
     def of(cls, curves: Curve, per_vesicle: int, near: float) -> "NearPairs":
-        """The pairs closer than `near` node spacings; room is for `per_vesicle` sources for each target on average."""
+        """Finds the pairs that are closer than `near` node spacings.
+
+        There is room for `per_vesicle` sources per target on average.
+        """
         curves = jax.lax.stop_gradient(curves)
         M = curves.x.shape[0]
         candidates = min(_CANDIDATES * per_vesicle, M - 1)
@@ -49,5 +52,5 @@ class NearPairs(eqx.Module):
         return cls(target, source[target, place], jnp.arange(room) < found, jnp.any(too_many) | (found > room))
 
     def sources_of(self, target: Int[Array, ""], M: int) -> Bool[Array, "M"]:
-        """Which of the M membranes are near `target`."""
+        """Returns which of the M membranes are near `target`."""
         return jnp.zeros(M, bool).at[self.source].max(self.valid & (self.target == target))

@@ -1,4 +1,4 @@
-"""Interactions as matrices of all ordered pairs: the fastest for few membranes."""
+"""Interactions as matrices of all ordered pairs, which is the fastest method for few membranes."""
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ from .interactions import (
 
 
 class Pairwise(AbstractCoupling):
-    """Matrices of all ordered pairs: the fastest for few membranes, with memory that grows like (MN)²."""
+    """Stores matrices of all ordered pairs: the fastest method for few membranes. Memory grows like (MN)²."""
 
     direct: bool = eqx.field(static=True)
     together: bool = eqx.field(static=True, default=True)
@@ -43,12 +43,12 @@ class PairMatrices(AbstractPairMatrices):
 
     @classmethod
     def of(cls, curves: Curve, near: float, *, electric: bool) -> "PairMatrices":
-        """All ordered pairs of the M membranes in `curves`; those closer than `near` by close evaluation."""
+        """Builds the matrices of all pairs of the M membranes; pairs closer than `near` use close evaluation."""
         targets, sources = pair_frames(curves)
         are_near = jax.vmap(lambda source, x: is_near_curve(source, x, near))(sources, targets.x)
         far = jax.vmap(lambda source, x: far_matrices(source, x, electric))(sources, targets.x)
 
-        # One pair after the other: a near one then costs its own close evaluation, not that of all pairs.
+        # One pair after the other, so that close evaluation is computed only for near pairs.
         @jax.checkpoint
         def refined(pair):
             is_near, source, x, far = pair
@@ -86,13 +86,16 @@ class PairMatrices(AbstractPairMatrices):
 
 
 def times(gradient: Float[Array, "pairs 2 N N"], q: Float[Array, "pairs N"]) -> Float[Array, "pairs N 2"]:
-    """The gradients of densities `q`."""
-    # Asked for components last, XLA's CPU compiler leaves the fast product: twenty times slower for many pairs.
+    """Returns the gradients for densities `q`."""
+    # With the components as last axis, XLA on CPUs does not use its fast product: twenty times slower for many pairs.
     return jnp.swapaxes(jnp.einsum("paij,pj->pai", gradient, q), 1, 2)
 
 
 def far_matrices(source: Curve, x, electric: bool):
-    """Trapezoidal rule. Vesicles in contact share nodes at worst; the branch then takes the other rule."""
+    """Returns the velocity and gradient matrices by the trapezoidal rule.
+
+    If two vesicles touch and nodes coincide, the values are finite but not used, because the other rule is chosen.
+    """
     rx, ry = x[:, None, 0] - source.x[:, 0], x[:, None, 1] - source.x[:, 1]
     r2 = rx**2 + ry**2
     r2 = jnp.where(r2 > 0, r2, 1.0)
@@ -106,7 +109,7 @@ def far_matrices(source: Curve, x, electric: bool):
 
 
 def close_matrices(source: Curve, x, electric: bool):
-    """The velocity and gradient matrices by close evaluation; other vesicles lie outside."""
+    """Returns the velocity and gradient matrices by close evaluation. The targets are outside of `source`."""
     close = CloseGeometry.of(source, x, inside=False)
     gradient = close_laplace.laplace_slp_gradient_matrix(close) if electric else None
     return close_stokes.stokes_slp_matrix(close), gradient

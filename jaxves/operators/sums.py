@@ -1,10 +1,10 @@
-r"""Interactions of many membranes without matrices of all pairs: memory grows like MN.
+r"""Interactions of many membranes without matrices of all pairs. Memory grows like MN.
 
-Far pairs are summed directly by the trapezoidal rule, for the nodes of one target at a time; its derivative forms
-the kernels again instead of keeping them. Near pairs, from a list of fixed length, keep the matrices of close
-evaluation, (pairs, N, N); rows of the list that hold no pair cost nothing.
+Far pairs are summed directly by the trapezoidal rule, for the nodes of one target at a time. Derivatives recompute the
+kernels instead of storing them. Near pairs come from a list of fixed length and have stored matrices of close
+evaluation, (pairs, N, N). Unused rows of the list cost nothing.
 
-With several devices the targets are dealt out among them, and every device sees all sources.
+With several devices, each computes some of the targets and has all sources.
 """
 
 import equinox as eqx
@@ -22,15 +22,16 @@ from .interactions import NEAR, AbstractCoupling, AbstractInteractions
 from .near_pairs import NearPairs
 from .pairs import Pairwise, close_matrices, times
 
-_FEWEST = 16  # nodes of a rough sum
-_ON_ACCELERATOR = 32  # targets summed at once where many small kernels cost more than memory does
-_TOGETHER = 512  # unknowns of a surface quantity up to which one implicit matrix of all is worth its factors
+_FEWEST = 16  # least number of nodes in sums for the preconditioner
+_ON_ACCELERATOR = 32  # targets that are summed at once on a GPU, where many small kernels are slow
+_TOGETHER = 512  # up to so many nodes in all, one matrix is used for the linear part of all shapes
 
 
 class MatrixFree(AbstractCoupling):
-    """Sums instead of matrices; coupled systems are solved by GMRES.
+    """Computes sums instead of storing matrices. Coupled systems are solved by GMRES.
 
-    `neighbours`: room for near pairs, per vesicle on average. `mesh`: devices, along one axis, that share the work.
+    `neighbours` is the room for near pairs, per vesicle on average. `mesh` has devices along one axis that share the
+    work.
     """
 
     neighbours: int = eqx.field(static=True, default=8)
@@ -44,7 +45,7 @@ class MatrixFree(AbstractCoupling):
 
 
 class Summation(AbstractInteractions):
-    """Curves, with as many nodes as far sums are to be accurate, and the matrices of near pairs."""
+    """The curves for far sums, and the matrices of near pairs. More nodes of the curves make far sums more accurate."""
 
     curves: Curve
     near: NearPairs
@@ -54,7 +55,7 @@ class Summation(AbstractInteractions):
 
     @classmethod
     def of(cls, curves: Curve, coupling: MatrixFree, *, electric: bool) -> "Summation":
-        """The M membranes in `curves`."""
+        """Builds the interactions of the M membranes in `curves`."""
         near = NearPairs.of(curves, coupling.neighbours, coupling.near)
 
         @jax.checkpoint
@@ -86,13 +87,13 @@ class Summation(AbstractInteractions):
         return self._summed(far.laplace_slp_gradient, q).at[self.near.target].add(near)
 
     def roughly(self) -> "Summation":
-        """With fewer nodes in far sums."""
+        """Returns the same with fewer nodes in far sums."""
         nodes = max(_FEWEST, self.curves.x.shape[1] // 4)
         x = fourier.resample(self.curves.x, nodes, axis=1)
         return eqx.tree_at(lambda s: s.curves, self, jax.vmap(Curve.from_nodes)(x))
 
     def _summed(self, potential, density: Float[Array, "M N *rest"]) -> VesiclePoints:
-        """`potential` of all membranes that are far from each, at the nodes of the density."""
+        """Returns, at the nodes of each membrane, the sum of `potential` over all membranes that are far from it."""
         M, N = density.shape[:2]
         density = fourier.resample(density, self.curves.x.shape[1], axis=1)
 
@@ -120,10 +121,10 @@ class Summation(AbstractInteractions):
 
 
 def coupling_for(M: int, N: int, neighbours: int = 8) -> AbstractCoupling | None:
-    """The fastest way for M membranes of N nodes; None for one.
+    """Returns the fastest method for M membranes of N nodes; None for one membrane.
 
-    Measured (`experiments/scale.py`): GMRES overtakes the factorisation at 3 to 4 membranes; sums, which have no pair
-    matrices to fill and to read, overtake matrices near 1024 unknowns, where those take 42 MB.
+    By the measurements of `experiments/scale.py`, GMRES is faster than the factorisation from 3 to 4 membranes on. Sums
+    are faster than matrices from about 1024 unknowns on, where the matrices take 42 MB.
     """
     if M == 1:
         return None

@@ -1,9 +1,8 @@
-r"""The membranes at one instant, with the layer potentials that live on them.
+r"""All membranes at one instant, with their layer potentials.
 
-`Surfaces` holds the geometry and the Nyström kernels of every membrane, (M, ...) arrays; its methods
-apply the potentials of all membranes to densities (M, N) or (M, N, 2) and return values at all nodes.
-A lone membrane has no `interactions`: nothing of them is traced.
-The electric kernel is built when a field asks for it.
+`Surfaces` has the geometry and the Nyström kernels of every membrane, as (M, ...) arrays. Its methods apply the
+potentials of all membranes to densities (M, N) or (M, N, 2), and return values at all nodes. A single membrane has no
+`interactions`, so their code is not compiled. The electric kernel is computed only if there is a field.
 """
 
 import equinox as eqx
@@ -21,7 +20,7 @@ from .interactions import AbstractCoupling, AbstractInteractions
 
 
 class Surfaces(eqx.Module):
-    """M membranes: frames, and the kernels of their self-interaction (M, N, N), which act on |x_α| times a density."""
+    """M membranes with their self-interaction kernels (M, N, N), which act on |x_α| times a density."""
 
     curves: Curve
     laplace_slp: Float[Array, "*batch N N"]
@@ -38,7 +37,10 @@ class Surfaces(eqx.Module):
         coupling: AbstractCoupling | None = None,
         refinement: Refinement | None = None,
     ) -> "Surfaces":
-        """Geometry and kernels at nodes x; `electric` adds what only a field needs, `coupling` the interactions."""
+        """Computes geometry and kernels at nodes x.
+
+        `electric` adds the kernel for a field, `coupling` the interactions, and `refinement` sets the finer grids.
+        """
         curves, own = self_kernels(x, electric=electric, refinement=refinement)
         interactions = None
         if coupling is not None:
@@ -47,16 +49,16 @@ class Surfaces(eqx.Module):
         return cls(curves, own.laplace_slp, own.stokes_slp, own.laplace_slp_dn, interactions)
 
     def d_ds(self, f: Float[Array, "M N *rest"]) -> Float[Array, "M N *rest"]:
-        """∂f/∂s on every membrane."""
+        """Returns ∂f/∂s on every membrane."""
         return jax.vmap(geometry.d_ds)(f, self.curves)
 
     def stokes(self, f: VesiclePoints) -> VesiclePoints:
-        """Velocity S[f] at all nodes."""
+        """Returns the velocity S[f] at all nodes."""
         velocity = jax.vmap(StokesBlocks.__matmul__)(self.stokes_slp, f * self.curves.speed[..., None])
         return velocity if self.interactions is None else velocity + self.interactions.stokes(f)
 
     def dlp_dn(self, V_m: VesicleNodes) -> VesicleNodes:
-        """D' V_m = ∂_s S ∂_s V_m; on the density ∂_s V_m the weight |x_α| cancels."""
+        """Returns D' V_m = ∂_s S ∂_s V_m. For the density ∂_s V_m the weight |x_α| cancels."""
         slope = fourier.derivative(V_m)
         value = self.d_ds(jnp.einsum("mij,mj->mi", self.laplace_slp, slope))
         if self.interactions is not None:
@@ -65,7 +67,7 @@ class Surfaces(eqx.Module):
         return value
 
     def potential_slope(self, q: VesicleNodes, V_m: VesicleNodes) -> VesicleNodes:
-        """∂_s (S q - D V_m) along the membranes (mean of the two sides)."""
+        """Returns ∂_s (S q - D V_m) along the membranes, the mean of the two sides."""
         speed = self.curves.speed
         single = jnp.einsum("mij,mj->mi", self.laplace_slp, speed * q)
         double = jnp.einsum("mji,mj->mi", self.laplace_slp_dn, speed * V_m)
