@@ -76,7 +76,7 @@ def _alone(scene_file: Readable) -> Case:
     case = Case.of(scene_file, CRITICAL_FIELD)
     scene_file = case.scene_file
     if len(scene_file.vesicles()) != 1 or scene_file.field is None:
-        raise NoCriticalField("a critical field is sought of one vesicle in a field")
+        raise NoCriticalField("scene_file: a critical field needs one vesicle in a field")
     return case
 
 

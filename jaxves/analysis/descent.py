@@ -1,4 +1,4 @@
-"""Gradient descent on χ² with an optimiser of Optax: a search of `fit` besides the trust region.
+"""Gradient descent on χ² with an optimiser of Optax. `fit` uses it as an alternative to the trust region.
 
 The optimiser takes the gradient of χ²/2 in the coordinates of `boxes`. That is Jᵀr with the residuals r and their
 Jacobian J. Steps end at the bounds. A step to numbers with which the run breaks down is halved. Each step needs one
@@ -21,9 +21,9 @@ from . import boxes
 from .search import Start, Target, linearised
 
 _WANTED = "an optimiser of Optax without a line search, such as optax.adam(0.1), or None for the trust region"
-_TRIED = 8  # steps by which optimisers are told apart
-_MARGIN = 1e-6  # how far from the ends of its box a coordinate stays, as a share of the box
-_ROUND_OFF = 1e-9  # relative singular value below which a combination of coordinates says nothing
+_TRIED = 8  # number of steps that distinguish optimisers
+_MARGIN = 1e-6  # least distance of a coordinate from the ends of its box, as a fraction of the box
+_ROUND_OFF = 1e-9  # combinations of coordinates with a smaller relative singular value carry no information
 
 
 def require_optimiser(argument: str, value: Any) -> None:
@@ -37,7 +37,7 @@ def require_optimiser(argument: str, value: Any) -> None:
 
 
 def fingerprint_of(method: optax.GradientTransformation) -> str:
-    """A hash of the first steps of an optimiser along fixed gradients: equal settings have equal ones."""
+    """Returns a hash of the first steps of an optimiser along fixed gradients. Equal settings have equal hashes."""
     c = jnp.ones(2)
     state, steps = method.init(c), []
     for i in range(_TRIED):
@@ -98,7 +98,7 @@ def _free(
 def _is_converged(
     r: Float[np.ndarray, "R"], jacobian: Float[np.ndarray, "R P"], free: Bool[np.ndarray, "P"], tolerance: float
 ) -> bool:
-    """Whether the linearised residuals predict that χ² can hardly fall in the free coordinates."""
+    """Returns whether the linearised residuals predict almost no decrease of χ² in the free coordinates."""
     if not np.any(free):
         return True
     directions, singular, _ = np.linalg.svd(jacobian[:, free], full_matrices=False)

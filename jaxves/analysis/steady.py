@@ -99,7 +99,7 @@ def steady_shape(scene: Scene, start: Unknowns, *, most: int = 30, solver: Abstr
         ValueError: the scene has several vesicles. In general they do not come to rest relative to each other.
     """
     if scene.x.shape[0] != 1:
-        raise ValueError(f"A steady shape is sought of one vesicle, but the scene has {scene.x.shape[0]}.")
+        raise ValueError(f"A steady shape needs one vesicle, but the scene has {scene.x.shape[0]}.")
     return _by_newton(scene, start, most, solver)
 
 

@@ -21,7 +21,7 @@ _PART = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
 
 def numbers(scene_file: SceneFile) -> dict[str, float]:
-    """Every physical number that the scene has, by name; a lone vesicle's without an index."""
+    """Returns every physical number of the scene, by name. Names of a single vesicle have no index."""
     found = {}
     for table in _TABLES:
         for path, value in _numbers(getattr(scene_file, table), (table,)):
@@ -45,7 +45,7 @@ def _numbers(value: Any, path: tuple) -> Iterator[tuple[tuple, float]]:
 
 
 def with_numbers(scene_file: SceneFile, values: Mapping[str, Any]) -> SceneFile:
-    """The scene file with these numbers in place of its own, unchecked: they may be traced.
+    """Returns the scene file with these numbers in place of its own. They are not checked, and may be traced.
 
     Raises:
         SceneError: the scene has no number of such a name.
@@ -69,13 +69,13 @@ def with_numbers(scene_file: SceneFile, values: Mapping[str, Any]) -> SceneFile:
 
 
 def check_numbers(scene_file: SceneFile, values: Mapping[str, float]) -> None:
-    """Raises SceneError unless the scene may have these numbers in place of its own."""
+    """Raises SceneError unless these numbers are allowed in place of those of the scene."""
     tables = with_numbers(scene_file, values).model_dump(by_alias=True, exclude_none=True)
     checked(SceneFile, tables, "scene")
 
 
 def _replaced(item: Any, path: tuple, value: Any) -> Any:
-    """`item` with the number at the end of `path` replaced; raises LookupError where there is none."""
+    """Returns `item` with the number at the end of `path` replaced; raises LookupError if there is none."""
     if not path:
         if isinstance(item, Table | tuple | str | bool):
             raise LookupError

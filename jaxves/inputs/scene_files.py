@@ -1,6 +1,7 @@
-"""Reading and writing scene files: TOML text to checked tables and back.
+"""Reads and writes scene files: from TOML text to checked tables and back.
 
-Nothing here imports JAX, so that the command line answers bad input at once; `build` goes on from here.
+Nothing here imports JAX, so that the command line reports wrong input quickly. `runs/build.py` makes a scene of the
+tables.
 """
 
 import difflib
@@ -23,15 +24,22 @@ Readable = str | Path | Mapping[str, Any] | SceneFile
 
 
 def parse(tables: Mapping[str, Any], *, origin: str = "scene", folder: Path | str = ".") -> SceneFile:
-    """A scene from the tables of a TOML text; files it names are relative to `folder`.
+    """Checks the tables of a scene and returns them as a scene file. Files named in it are relative to `folder`.
 
-    Raises SceneError with one line that begins with `origin`.
+    Raises:
+        SceneError: the tables are not valid. The message is one line that begins with `origin`.
     """
     return checked(SceneFile, tables, origin, folder=Path(folder))
 
 
 def read_tables(path: Path, origin: str, wanted: str) -> dict[str, Any]:
-    """The tables of a TOML file; raises SceneError, which begins with `origin`. `wanted`: instead of no file."""
+    """Reads the tables of a TOML file.
+
+    Raises:
+        SceneError: there is no such file, or it is not TOML. The message begins with `origin`, and `wanted` says what
+        was
+            expected if there is no file.
+    """
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
@@ -43,9 +51,12 @@ def read_tables(path: Path, origin: str, wanted: str) -> dict[str, Any]:
 
 
 def read_scene(source: Readable) -> SceneFile:
-    """The scene of a file, of a built-in name, or of tables like those of a file; one that was read already as it is.
+    """Reads a scene from a file, a built-in name, or tables like those of a file.
 
-    Raises SceneError with one line.
+    A scene file that was read already is returned unchanged.
+
+    Raises:
+        SceneError: there is no such scene, or it is not valid. The message is one line.
     """
     if isinstance(source, SceneFile):
         return source
@@ -62,14 +73,14 @@ def read_scene(source: Readable) -> SceneFile:
 
 
 def to_toml(scene_file: SceneFile) -> str:
-    """The scene complete with defaults; absent tables are left out. Reading it gives the same scene."""
+    """Returns the scene as TOML, with all defaults and without absent tables. Reading it gives the same scene."""
     text = tomli_w.dumps(scene_file.model_dump(by_alias=True, exclude_none=True))
-    # Arrays of numbers on one line each; no text in a scene contains a bracket.
+    # Arrays of numbers are written on one line each. No text in a scene contains a bracket.
     return re.sub(r"\[\n([^][]*?),\n\s*\]", lambda array: f"[{' '.join(array[1].split())}]", text)
 
 
 def built_in_scenes() -> dict[str, str]:
-    """The built-in scenes: what each shows, by name."""
+    """Returns the built-in scenes: a description of each, by name."""
     files = sorted(_builtin_folder().iterdir(), key=lambda file: file.name)
     return {
         file.name.removesuffix(".toml"): file.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")

@@ -44,7 +44,10 @@ def nearest_circle(x: NodePoints, radius: Scalar) -> NodePoints:
 
 
 def held(curve: Curve, sigma: Nodes, force: NodePoints, velocity: NodePoints) -> tuple[Nodes, NodePoints, NodePoints]:
-    """Tension, force and velocity of a circle, with the force that keeps its shape: the velocity is its rigid part."""
+    """Returns tension, force and velocity of a circle, with the force that keeps its shape.
+
+    The velocity is the rigid part of `velocity`.
+    """
     rigid = rigid_part(curve, velocity)
     holding = holding_force(curve, rigid - velocity)
     along = jnp.sum(holding * curve.tangent, axis=-1) * curve.speed

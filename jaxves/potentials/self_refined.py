@@ -63,18 +63,18 @@ class SelfKernels(eqx.Module):
 
 
 class Refinement(eqx.Module):
-    """The grids from which one is chosen: the least factor is 1, the nodes as they are."""
+    """The refinement factors of the grids to choose from. The first is 1, for the given nodes."""
 
     factors: tuple[int, ...] = eqx.field(static=True, default=(1, 2, 4, 8))
 
     def level(self, curve: Curve) -> Int[Array, ""]:
-        """Which of the `factors` the distance between parts of the curve requires, as an index."""
+        """Returns the index into `factors` that the least distance between parts of the curve requires."""
         nearest2 = _nearest2(curve)
         return sum((jnp.int32(nearest2 < (FAR / factor) ** 2) for factor in self.factors[:-1]), start=jnp.int32(0))
 
 
 def _nearest2(curve: Curve) -> Float[Array, ""]:
-    """Square of the least distance between parts of a curve, in node spacings.
+    """Returns the square of the least distance between parts of a curve, in node spacings.
 
     Two nodes belong to different parts if the membrane between them is at least twice as long as their chord.
     """
@@ -93,9 +93,9 @@ def _nearest2(curve: Curve) -> Float[Array, ""]:
 def self_kernels(
     x: VesiclePoints, *, electric: bool, refinement: Refinement | None = None
 ) -> tuple[Curve, SelfKernels]:
-    """Curves and kernels of all membranes, refined as the nearest parts of any of them require.
+    """Returns curves and kernels of all membranes. All use the refinement that the narrowest distance requires.
 
-    `refinement`: the grids to choose from; default 1, 2, 4 and 8 times as many nodes.
+    `refinement` has the grids to choose from; the default is 1, 2, 4 and 8 times as many nodes.
     """
     refinement = Refinement() if refinement is None else refinement
     curves = jax.vmap(Curve.from_nodes)(x)
