@@ -30,23 +30,23 @@ out = Console(highlight=False)
 
 
 def names() -> list[str]:
-    """All experiments, by the names of their modules."""
+    """Returns the names of the modules of all experiments."""
     return sorted(module.name for module in pkgutil.iter_modules([str(HERE)]) if module.name[0].isalpha())
 
 
 def question(name: str) -> str:
-    """The first line of a module's docstring, without importing it."""
+    """Returns the first line of a module's docstring, without importing the module."""
     return (ast.get_docstring(ast.parse((HERE / f"{name}.py").read_text())) or "").partition("\n")[0]
 
 
 def minutes() -> dict[str, str]:
-    """The minutes of README.md's table, by experiment; those without a row are missing."""
+    """Returns the minutes by experiment, from the table in README.md; those without a row are missing."""
     rows = re.findall(r"^\|[^|]*\|[^|`]*`(\w+)`[^|]*\| *([\d.]+) *\|", (HERE / "README.md").read_text(), re.MULTILINE)
     return dict(reversed(rows))  # the first row of an experiment counts
 
 
 def show(chosen: list[str]) -> None:
-    """The list of experiments."""
+    """Prints the list of experiments."""
     known = minutes()
     table = Table(box=None)
     for heading in ("python -m experiments.…", "minutes", "question"):

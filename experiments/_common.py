@@ -43,7 +43,7 @@ _initial_state = eqx.filter_jit(initial_state)
 
 
 def pop(N: int, *, reduced_area=0.9, beta=3.2, conductivity_ratio=0.1) -> Scene:
-    """One ellipse along a field, at rest."""
+    """Returns an ellipse along a field, with reduced area 0.9 by default."""
     x = shapes.ellipse(N, reduced_area, angle=jnp.pi / 2)
     return make_scene(x, field=dc_field(beta, conductivity_ratio=conductivity_ratio))
 
@@ -84,9 +84,10 @@ def march(
 
 
 def interleaved(calls: dict[str, Callable], repeats: int) -> dict[str, list[float]]:
-    """Seconds of each call, `repeats` times; they take turns, so that a busy machine slows all alike.
+    """Returns the seconds of each call, `repeats` times.
 
-    Each turn is the second of two calls: in a run they follow one another, with threads and caches warm.
+    The calls take turns, so that a busy machine slows all of them equally. Each turn is the second of two calls,
+    because calls follow one another in a run, with threads and caches warm.
     """
     for call in calls.values():
         jax.block_until_ready(call())  # compiles
@@ -101,7 +102,7 @@ def interleaved(calls: dict[str, Callable], repeats: int) -> dict[str, list[floa
 
 
 def medians(seconds: dict[str, list[float]]) -> dict[str, float]:
-    """The median of each."""
+    """Returns the median of each list."""
     return {name: statistics.median(found) for name, found in seconds.items()}
 
 
@@ -116,13 +117,13 @@ def _plain(value):
 
 
 def _pace() -> float:
-    """What the times of different machines are to be compared by: the least of some."""
+    """Returns the least of several times of a fixed task, with which times of different machines are compared."""
     matrix = np.random.default_rng(0).normal(size=(192, 192))
     return 1e3 * min(interleaved({"LU": lambda: scipy.linalg.lu_factor(matrix)}, 50)["LU"])
 
 
 def store(name: str, data, variant: str = "") -> None:
-    """Writes data/NAME.json, for a variant of the command data/NAME_VARIANT.json: numbers, and what computed them."""
+    """Writes numbers with their origin to data/NAME.json, or data/NAME_VARIANT.json for a variant of the command."""
     provenance = {
         "command": f"python -m experiments.{name}" + (variant and f" --{variant}"),
         "jaxves": jaxves.__version__,
@@ -138,12 +139,12 @@ def store(name: str, data, variant: str = "") -> None:
 
 
 def styled(draw: Callable) -> Callable:
-    """A drawing function in the style of `jaxves.plot`."""
+    """Wraps a drawing function so that it has the style of `jaxves.plots`."""
     return rc_context(run_plots.STYLE)(draw)
 
 
 def shades(count: int) -> np.ndarray:
-    """A colour for each of `count` curves in order, dark to light, on the scale of `jaxves.plot`; (count, 4)."""
+    """Returns a colour (count, 4) for each of `count` curves in order, dark to light, as in `jaxves.plots`."""
     order = np.arange(count)
     return run_plots.scale(order).to_rgba(order)
 

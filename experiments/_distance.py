@@ -18,14 +18,14 @@ _FINER = 4  # Newton starts from the nearest point of a grid so much finer
 
 
 def _slope(modes):
-    """Coefficients of the derivative, from those of `fourier.coefficients`."""
+    """Returns the coefficients of the derivative, from those of `fourier.coefficients`."""
     cosine, sine = modes
     k = jnp.arange(cosine.shape[0]).reshape(-1, *[1] * (cosine.ndim - 1))
     return k * sine, -k * cosine
 
 
 def nearest(x, other):
-    """The parameters (N,) of the points on the interpolant of `other` (K, 2) nearest to the points `x` (N, 2)."""
+    """Returns the parameters (N,) of the points of the interpolant of `other` (K, 2) nearest to `x` (N, 2)."""
     grid = fourier.resample(other, _FINER * other.shape[0], axis=0)
     r2 = jnp.sum((x[:, None] - grid[None]) ** 2, axis=-1)
     spacing = 2 * np.pi / grid.shape[0]
@@ -45,7 +45,7 @@ def nearest(x, other):
 
 
 def _of_two(a, b):
-    """The differences of one vesicle at one instant."""
+    """Returns the differences of one vesicle at one time."""
     there, back = nearest(a["x"], b["x"]), nearest(b["x"], a["x"])
     one = jnp.sqrt(jnp.sum((a["x"] - fourier.evaluate(b["x"], there)) ** 2, axis=-1))
     other = jnp.sqrt(jnp.sum((b["x"] - fourier.evaluate(a["x"], back)) ** 2, axis=-1))
@@ -62,9 +62,9 @@ def _of_all(a, b):
 
 
 def distances(rows, reference) -> dict[str, np.ndarray]:
-    """The worst of the vesicles at each saved instant: "shape", "V_m" and "tension" (relative to the largest).
+    """Returns the largest difference of any vesicle at each saved time: "shape", "V_m" and relative "tension".
 
-    `rows` and `reference` hold `x` (T, M, N, 2), `tension` and perhaps `V_m` (T, M, N); N may differ.
+    `rows` and `reference` have `x` (T, M, N, 2), `tension` and, with a field, `V_m` (T, M, N). N may differ.
     """
     parts = [name for name in ("x", "V_m", "tension") if name in rows]
     a, b = ({name: jnp.asarray(side[name]) for name in parts} for side in (rows, reference))

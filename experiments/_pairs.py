@@ -31,7 +31,7 @@ _KEPT = (
 def scene(
     conductivity_ratio=0.5, membrane_conductance=0.0, *, N=64, reduced_area=0.9, beta=3.2, offset=20.0, separation=2.6
 ) -> Scene:
-    """Two equal ellipses along the field, the line of their centres `offset` degrees from x, `separation` long."""
+    """Returns two equal ellipses along the field, with the line of centres at `offset` degrees from x."""
     e = shapes.ellipse(N, reduced_area, angle=FIELD)
     direction = np.array([np.cos(np.deg2rad(offset)), np.sin(np.deg2rad(offset))])
     field = dc_field(beta, conductivity_ratio=conductivity_ratio, membrane_conductance=membrane_conductance, vesicles=2)
@@ -59,14 +59,14 @@ def resolved(nodes, film: float, t_end: float, saves: int, *, turned: float = 27
 
 
 def classified(found: dict) -> str:
-    """The class of a history from `history`."""
+    """Returns the class of a time series from `history`."""
     return pair_classes.classify(
         found["t"], np.deg2rad(found["angle"]), found["separation"], found["min_gap"], float(FIELD)
     )
 
 
 def summary(found: dict) -> str:
-    """One line."""
+    """Returns one line of text."""
     t, angle, gap = found["t"], found["angle"], found["min_gap"]
     tails = found["spectral_tail"].max(), found["tension_tail"].max()
     return (
@@ -77,7 +77,7 @@ def summary(found: dict) -> str:
 
 
 def stored(found: dict) -> dict:
-    """What of a history is worth storing."""
+    """Returns the part of a time series that is stored."""
     last = {name: found[name][-1] for name in ("tank_treading_speed", "traction_ratio", "deformation")}
     tails = {name: found[name].max() for name in ("spectral_tail", "tension_tail")}
     kept = ("word", "N", "class", "turns", "swings", "t", "angle", "separation", "min_gap")
@@ -96,11 +96,12 @@ def history(
     together: int = 10,
     coupling: AbstractCoupling | None = None,
 ) -> dict:
-    """Marches a pair; what happened, by name, saved times first.
+    """Runs a pair; returns time series by name, with the saved times as first axis.
 
-    Ends early ("settled") once the gap is below `thinnest` and the line of centres along the field to 3 degrees for
-    the last `together` saves, or at rest off that direction, or once that line has turned by `turned` degrees.
-    Angles in degrees: `angle` of the line of centres, followed in time, `dipole_angle` of each vesicle's dipole.
+    The run ends early ("settled") once the gap is below `thinnest` and the line of centres is along the field to 3
+    degrees for the last `together` saves, or at rest in another direction, or once that line has turned by `turned`
+    degrees. Angles are in degrees: `angle` of the line of centres, continuous in time, and `dipole_angle` of the dipole
+    of each vesicle.
     """
     times = t_end * np.arange(1, saves + 1) / saves
 
@@ -134,6 +135,6 @@ def history(
 
 
 def _line(rows) -> tuple[np.ndarray, np.ndarray]:
-    """Angle in degrees, followed in time, and length of the line of centres."""
+    """Returns the angle of the line of centres in degrees, continuous in time, and its length."""
     line = rows["diagnostics/center"][:, 0] - rows["diagnostics/center"][:, 1]
     return np.rad2deg(np.unwrap(np.arctan2(line[:, 1], line[:, 0]))), np.hypot(*line.T)

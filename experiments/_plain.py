@@ -18,7 +18,7 @@ from scipy.linalg import solve
 
 
 class Numbers(NamedTuple):
-    """β, χ, Λ and G of a field along y."""
+    """The numbers β, χ, Λ and G of a field along y."""
 
     beta: float
     chi: float
@@ -27,7 +27,7 @@ class Numbers(NamedTuple):
 
 
 class Grid:
-    """Matrices that depend on the number of nodes N alone, all (N, N)."""
+    """Matrices (N, N) that depend only on the number of nodes N."""
 
     def __init__(self, N: int):
         self.N = N
@@ -88,7 +88,7 @@ class Membrane:
 
     @cached_property
     def stokes(self):
-        """Velocity at the nodes of a force at the nodes, (2N, 2N); components one after the other."""
+        """Returns the matrix (2N, 2N) from a force to the velocity at the nodes; components one after the other."""
         N = self.grid.N
         blocks = np.einsum("ijk,ijl->kilj", self.unit, self.unit)
         diagonal = np.einsum("ik,il->kil", self.tangent, self.tangent)
@@ -99,7 +99,7 @@ class Membrane:
         return blocks.reshape(2 * N, 2 * N)
 
     def electric(self, numbers: Numbers, V_m):
-        """The charging matrix ½ + ηS′, and the Maxwell traction (N, 2)."""
+        """Returns the charging matrix ½ + ηS′, and the Maxwell traction (N, 2)."""
         ratio = numbers.conductivity_ratio
         eta = (ratio - 1) / (ratio + 1)
         charging = 0.5 * np.eye(self.grid.N) + eta * self.slp_dn
@@ -116,7 +116,7 @@ class Membrane:
 
 
 def step(grid: Grid, numbers: Numbers, x, V_m, h: float):
-    """Positions (N, 2) and V_m (N,) after one step of length h, and the velocity (N, 2)."""
+    """Makes one step of length h; returns positions (N, 2), V_m (N,) and the velocity (N, 2)."""
     N = grid.N
     membrane = Membrane(grid, x)
     charging, f_el = membrane.electric(numbers, V_m)

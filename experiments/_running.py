@@ -25,7 +25,7 @@ _COMPILING = {"XLA_FLAGS": QUICKLY, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"
 
 
 class Outcome(NamedTuple):
-    """How one experiment ended: "done", "no QUICK" or the error; seconds."""
+    """The end of one experiment: "done", "no QUICK" or the error, and the seconds."""
 
     name: str
     word: str
@@ -33,7 +33,10 @@ class Outcome(NamedTuple):
 
 
 def run_quickly(name: str, compiled: str) -> Outcome:
-    """`run(**QUICK)` of one experiment, its programs kept in the folder `compiled`; prints nothing but a traceback."""
+    """Runs `run(**QUICK)` of one experiment; compiled programs are kept in the folder `compiled`.
+
+    It prints only tracebacks.
+    """
     start = time.perf_counter()
     command = [sys.executable, "-m", __name__, name]
     environment = _COMPILING | {"JAX_COMPILATION_CACHE_DIR": compiled} | os.environ
@@ -49,7 +52,7 @@ def run_quickly(name: str, compiled: str) -> Outcome:
 
 
 def run_fully(name: str) -> Outcome:
-    """`main()` of one experiment."""
+    """Runs `main()` of one experiment."""
     start = time.perf_counter()
     ended = subprocess.run([sys.executable, "-m", f"experiments.{name}"], check=False)
     word = "done" if ended.returncode == 0 else f"exit status {ended.returncode}"
@@ -57,7 +60,10 @@ def run_fully(name: str) -> Outcome:
 
 
 def outcomes(chosen: list[str], quick: bool) -> Iterator[Outcome]:
-    """As they end: in full each has all cores, at toy size each has one, since most of it is compiling."""
+    """Yields the outcomes as they end.
+
+    In full each experiment has all cores. At toy size each has one core, because most of the time is compilation.
+    """
     if not quick:
         yield from map(run_fully, chosen)
         return

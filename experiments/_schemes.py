@@ -69,7 +69,7 @@ class ARK3(AdditiveRungeKutta):
 
 
 class Even(AbstractEven):
-    """Equal steps, as many between saved instants as `steps` says: a traced number, so one program serves all."""
+    """Equal steps between saved times; their number `steps` is traced, so that one program is used for all numbers."""
 
     steps: Int[Array, ""] = eqx.field(converter=jnp.asarray)
     stepper: AbstractStepper

@@ -19,7 +19,7 @@ TOY = Path(tempfile.gettempdir()) / "jaxves-quick"  # of runs that only show tha
 
 
 def swept(tables: dict, name: str, folder: Path | None = None) -> SweepRecord:
-    """The sweep of these tables; without a folder of its own, from its file where that holds some of it already."""
+    """Runs the sweep of these tables; continues its file if that exists."""
     resume = folder is None and (FOLDER / f"{name}.h5").exists()
     folder = FOLDER if folder is None else folder
     folder.mkdir(parents=True, exist_ok=True)
@@ -27,7 +27,7 @@ def swept(tables: dict, name: str, folder: Path | None = None) -> SweepRecord:
 
 
 class _Told:
-    """A line now and then."""
+    """Prints a line from time to time."""
 
     def __init__(self, name: str):
         self.name, self.said = name, -1
@@ -39,5 +39,5 @@ class _Told:
 
 
 def listed(values: np.ndarray) -> list:
-    """Arrays as lists, for storing."""
+    """Returns arrays as lists, for storing."""
     return np.asarray(values).tolist()

@@ -56,7 +56,7 @@ class Treading(NamedTuple):
 
 
 def _disturbances(equation: Equation, y: Unknowns):
-    """∂G/∂y, for the ravelled y."""
+    """Returns ∂G/∂y for the ravelled y."""
     motion = equation.motion(jnp.zeros(()), y)
     tangent = motion.surfaces.curves.tangent
     flat, unflatten = ravel_pytree(y)
@@ -90,16 +90,16 @@ def _run(setting: Setting, N: int, t_end):
 
 
 def start(setting: Setting, N: int, t_end=1.0) -> Unknowns:
-    """What a run from an ellipse arrives at, without the noise that steps at the edge of stability leave.
+    """Returns the end of a run from an ellipse, without noise in the highest modes.
 
-    That lies in the highest modes, where Newton's method halves it at best.
+    If stability limits the steps, this noise remains, and Newton's method only halves it.
     """
     y = _run(_traced(setting), N, jnp.asarray(t_end))
     return jax.tree.map(lambda leaf: fourier.low_pass(leaf, N // 4, axis=1), y)
 
 
 def at(setting: Setting, y: Unknowns) -> Treading:
-    """The steady state near y."""
+    """Returns the steady state near y."""
     found, matrix = _found(_traced(setting), y)
     values, vectors = np.linalg.eig(np.asarray(matrix))
     first = np.argmax(values.real)

@@ -31,14 +31,14 @@ QUICK = dict(betas=(3.2,), N=32, finer=48, t_end=0.1, saves=4, reduced_area=0.9,
 
 
 def mirrored(rows, axis):
-    """The rows as seen in a mirror through the origin across `axis`, again counter-clockwise."""
+    """Returns the rows reflected through the origin across `axis`, counter-clockwise again."""
     sign = np.where(np.arange(2) == axis, -1.0, 1.0)
     turned = {name: rows[name][:, :, ::-1] for name in ("x", "V_m", "tension")}
     return turned | {"x": turned["x"] * sign}
 
 
 def run(betas=tuple(NECK), N=128, finer=192, tolerance=1e-5, t_end=1.0, saves=100, reduced_area=0.5):
-    """{β: {status, t, deformation, neck (narrowest chord between nodes), error, asymmetry, area, ...}} over time."""
+    """Returns {β: {status, t, deformation, neck (narrowest chord between nodes), error, asymmetry, area, ...}}."""
     times = t_end * np.arange(1, saves + 1) / saves
 
     def marched(scene, tolerance):
@@ -46,7 +46,7 @@ def run(betas=tuple(NECK), N=128, finer=192, tolerance=1e-5, t_end=1.0, saves=10
         return state, {name: row[~np.isnan(rows["t"])] for name, row in rows.items()}, equation
 
     def apart(one, other):
-        """How far the shapes are from each other, as long as there are both."""
+        """Returns the distance between the shapes at the times that both have."""
         both = min(len(one["t"]), len(other["t"]))
         one, other = ({name: row[:both] for name, row in rows.items()} for rows in (one, other))
         return distances(one, other)["shape"]
@@ -75,7 +75,7 @@ def run(betas=tuple(NECK), N=128, finer=192, tolerance=1e-5, t_end=1.0, saves=10
 
 @styled
 def draw(found) -> Figure:
-    """Deformation along the field, error, and asymmetry of a disturbed start, against time."""
+    """Draws deformation along the field, error, and asymmetry of a disturbed start against time."""
     figure = Figure(figsize=(run_plots.PAGE, 2.4))
     left, middle, right = figure.subplots(1, 3)
     for beta, row in found.items():

@@ -43,7 +43,7 @@ QUICK = dict(scenes=("relaxation",), share=0.1, tolerances=(1e-3,), repeats=1)
 
 
 class Case(NamedTuple):
-    """Nodes and tolerance."""
+    """Nodes and tolerance of one run."""
 
     N: int
     tolerance: float
@@ -113,7 +113,7 @@ BENCHMARKS = {
 
 @functools.cache
 def _compiled(name: str, N: int, fifth: bool, saves: int):
-    """The run of a scene as a function of tolerance and end."""
+    """Returns the compiled run of a scene as a function of tolerance and end."""
     setting = BENCHMARKS[name].make(N)
     # Judged by their agreement: an early end for a coarse tail would hide what it costs.
     checks = Checks(tail=np.inf)
@@ -129,10 +129,10 @@ def _compiled(name: str, N: int, fifth: bool, saves: int):
 
 
 def columns(name: str, case: Case, *, fifth: bool, share=1.0) -> tuple[dict[str, np.ndarray], int]:
-    """Histories of a scene by column name, over the first `share` of its saved times, and the number of steps.
+    """Returns time series by column name, over the first `share` of the saved times, and the steps.
 
     Raises:
-        RuntimeError: the run did not complete.
+        RuntimeError: the run is not complete.
     """
     benchmark = BENCHMARKS[name]
     saves = max(1, round(share * benchmark.saves))
@@ -161,7 +161,7 @@ def columns(name: str, case: Case, *, fifth: bool, share=1.0) -> tuple[dict[str,
 
 
 def differences(found, best) -> dict[str, float]:
-    """Largest difference in time over the largest value, by column (of both)."""
+    """Returns, by column, the largest difference in time divided by the largest value of both."""
     return {
         key: float(np.max(np.abs(found[key] - best[key])) / np.max(np.abs(best[key])))
         for key in best
@@ -170,12 +170,12 @@ def differences(found, best) -> dict[str, float]:
 
 
 def digits(difference: float) -> int:
-    """Decimal digits in which two runs agree."""
+    """Returns the number of decimal digits in which two runs agree."""
     return int(np.floor(-np.log10(max(difference, 1e-16))))
 
 
 def cost(name: str, best, tolerances, repeats, share=1.0, N=None) -> list[dict[str, float]]:
-    """Error, steps and run time, in LU factorisations of 192 unknowns, at each tolerance of the default method."""
+    """Returns error, steps and run time, in LU factorisations of 192 unknowns, for each tolerance."""
     benchmark = BENCHMARKS[name]
     nodes = N or (128 if name == "budding" else 64)
     saves = max(1, round(share * benchmark.saves))
@@ -199,7 +199,7 @@ def cost(name: str, best, tolerances, repeats, share=1.0, N=None) -> list[dict[s
 
 
 def one(name: str, share=1.0, tolerances=(1e-4, 1e-6), repeats=3) -> dict:
-    """The best run of a scene, how well the other agrees with it, and the cost of an error."""
+    """Returns the best run of a scene, its agreement with the other run, and the cost of an error."""
     benchmark = BENCHMARKS[name]
     best, steps = columns(name, benchmark.best, fifth=True, share=share)
     check, _ = columns(name, benchmark.check, fifth=False, share=share)
@@ -210,12 +210,12 @@ def one(name: str, share=1.0, tolerances=(1e-4, 1e-6), repeats=3) -> dict:
 
 
 def run(scenes=tuple(BENCHMARKS), share=1.0, tolerances=(1e-4, 1e-6), repeats=3) -> dict:
-    """By scene."""
+    """Returns the results by scene."""
     return {name: one(name, share, tolerances, repeats) for name in scenes}
 
 
 def write(name: str, found: dict) -> None:
-    """benchmarks/NAME.csv, and the same as a group of benchmarks.h5."""
+    """Writes benchmarks/NAME.csv, and the same data as a group of benchmarks.h5."""
     benchmark, best = BENCHMARKS[name], found["columns"]
     kept = ["t", *found["agreement"]]
     stated = {key: digits(value) for key, value in found["agreement"].items()}
@@ -240,7 +240,7 @@ def write(name: str, found: dict) -> None:
 
 
 def read(name: str) -> tuple[dict[str, np.ndarray], dict[str, int]]:
-    """The columns of benchmarks/NAME.csv, and the digits stated for each."""
+    """Returns the columns of benchmarks/NAME.csv, and the digits of each."""
     lines = (FOLDER / f"{name}.csv").read_text().splitlines()
     stated = lines[2].partition(": ")[2].split(", ")
     rows = list(csv.reader(lines[3:]))

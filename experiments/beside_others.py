@@ -75,7 +75,7 @@ def same_computation(N: int) -> float:
 
 
 def plainly(N: int, x) -> np.ndarray:
-    """Nodes after 40 steps of the plain code."""
+    """Returns the nodes after 40 steps of the plain code."""
     grid, V_m = _plain.Grid(N), np.zeros(N)
     for _ in range(STEPS):
         x, V_m, _ = _plain.step(grid, NUMBERS, x, V_m, H)
@@ -97,7 +97,7 @@ end
 
 
 def elecvesicle(folder: Path, x, steps: int) -> tuple[list[float], np.ndarray]:
-    """Seconds of each step of ElecVesicle but for the first, and the nodes at the end."""
+    """Returns the seconds of each step of ElecVesicle except the first, and the nodes at the end."""
     with tempfile.TemporaryDirectory() as temporary:
         here = Path(temporary)
         for file in folder.glob("*.m"):
@@ -134,7 +134,7 @@ def _ours(setting):
 
 
 def one_size(N: int, repeats: int, rounds: int, folder: Path | None) -> dict:
-    """For one number of nodes: seconds of a step, ratios to plain NumPy, errors of the deformation."""
+    """Returns, for one number of nodes, seconds per step, ratios to plain NumPy, and errors of the deformation."""
     calls, ends, exact, x = _ours(pop(N))
     grid = _plain.Grid(N)
     calls = {"LU": linear_solve(N), "plain NumPy": lambda: _plain.step(grid, NUMBERS, x, np.zeros(N), H)} | calls

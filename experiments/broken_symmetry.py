@@ -28,7 +28,7 @@ COLORS = {"P": "C0", "O": "C1", "POP": "C2", "open": "0.6"}
 
 
 def tables(areas, strengths, conductances, disturbances, nodes) -> dict:
-    """The sweep."""
+    """Returns the tables of the sweep."""
     return {
         "scene": phase_diagrams.scene(nodes),
         "axes": {
@@ -49,7 +49,7 @@ def run(
     nodes=96,
     folder=None,
 ):
-    """By Δ and disturbance the classes and words, (β, G); and how many cases end otherwise than without."""
+    """Returns classes and status words (β, G) by Δ and disturbance, and how many cases change."""
     record = swept(tables(areas, strengths, conductances, disturbances, nodes), "broken_symmetry", folder)
     found = {}
     for i, area in enumerate(areas):
@@ -66,7 +66,7 @@ def run(
 
 @styled
 def draw(found) -> Figure:
-    """Classes over β and G: a square for the symmetric start, dots within for the others, a cross for a broken run."""
+    """Draws classes over β and G: squares for the symmetric start, dots for the others, crosses for failed runs."""
     rows = found["by area"]
     figure = Figure(figsize=(run_plots.PAGE, 2.6), layout="constrained")
     seen = set()

@@ -32,7 +32,7 @@ QUICK = dict(sizes=(32,), t_end=0.1, saves=4, plain=())
 
 
 def run(sizes=SIZES, t_end=10.0, saves=200, plain=(64,), tolerance=1e-6):
-    """{N: history}, {"plain N": history without close evaluation}, and the fits to the finest."""
+    """Returns {N: history}, {"plain N": history without close evaluation}, and fits to the run with most nodes."""
     march = Adaptive(tolerance)
     found = {N: _pairs.history(_pairs.scene(0.1, N=N), t_end, saves, march=march) for N in sizes}
     for N in plain:
@@ -43,19 +43,19 @@ def run(sizes=SIZES, t_end=10.0, saves=200, plain=(64,), tolerance=1e-6):
 
 
 def without_close_evaluation(N: int, t_end: float, saves: int) -> dict:
-    """The history by the trapezoidal rule at any distance, with nobody watching whether the film is resolved."""
+    """Returns the time series with the trapezoidal rule at any distance, without the check of the film."""
     coupling = dataclasses.replace(coupling_for(2, N), near=-0.5)  # no pair is nearer than this
     return _pairs.history(_pairs.scene(0.1, N=N), t_end, saves, checks=Checks(film=np.inf), coupling=coupling)
 
 
 def exponential(t, gap):
-    """Rate, log d at t = 0, and the root mean square residual of log d."""
+    """Returns the rate, log d at t = 0, and the root mean square residual of log d."""
     slope, level = np.polyfit(t, np.log(gap), 1)
     return -slope, level, float(np.sqrt(np.mean((np.log(gap) - level - slope * t) ** 2)))
 
 
 def power(t, gap):
-    """Exponent p and t₀ of (t - t₀)^-p, log d at t = t₀ + 1, and the residual."""
+    """Returns the exponent p and t₀ of (t - t₀)^-p, log d at t = t₀ + 1, and the residual."""
 
     def residual(unknowns):
         level, p, t_0 = unknowns
@@ -66,7 +66,7 @@ def power(t, gap):
 
 
 def laws(t, gap) -> dict:
-    """Both laws on the whole and on its halves, and the local rate -d'/d at the beginning and the end."""
+    """Returns both laws for all data and for its halves, and the local rate -d'/d at the beginning and the end."""
     halves = np.array_split(np.arange(len(t)), 2)
     rates = [exponential(t[half], gap[half])[0] for half in halves]
     exponents = [power(t[half], gap[half])[0] for half in halves]
@@ -88,7 +88,7 @@ def laws(t, gap) -> dict:
 
 
 def draw(found, fits) -> Figure:
-    """The gap against time with both laws, and its local rate against the gap."""
+    """Draws the gap against time with both laws, and its local rate against the gap."""
     figure = Figure(figsize=(run_plots.PAGE, 2.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for name, case in found.items():

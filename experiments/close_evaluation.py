@@ -71,7 +71,7 @@ def _trapezoidal(curve, targets, q):
 
 
 def _relative(value, exact):
-    """Largest error over the targets, over the largest value: (2, D)."""
+    """Returns the largest error over the targets, divided by the largest value: (2, D)."""
     axes = tuple(range(2, value.ndim))
     return np.max(np.abs(value - exact), axis=axes) / np.max(np.abs(exact))
 

@@ -56,7 +56,7 @@ def budding(N: int) -> Scene:
 
 
 def pair(N: int) -> Scene:
-    """Two vesicles side by side and a little askew, which circle each other."""
+    """Returns two vesicles side by side and slightly tilted, which circulate."""
     field = dc_field(3.2, conductivity_ratio=0.5, vesicles=2)
     return make_scene([shapes.ellipse(N, 0.9, angle=jnp.pi / 2)] * 2, centers=[[1.25, 0.4], [-1.25, -0.4]], field=field)
 
@@ -109,14 +109,14 @@ QUICK = dict(
 
 
 def method_of(scheme, setting, saves):
-    """Fixed steps for Euler, else a tolerance."""
+    """Returns fixed steps for Euler, otherwise adaptive steps with a tolerance."""
     if scheme == "Euler":
         return Even(setting // saves, SCHEMES[scheme], projection=False)
     return Adaptive(setting, SCHEMES[scheme])
 
 
 def solve(name, N, method):
-    """Last state, and the rows of a run that arrived (else None)."""
+    """Returns the last state, and the rows of a complete run (otherwise None)."""
     state, rows = followed(name, SCENES[name][0](N), method)
     arrived = int(state.status) == status.RUNNING and np.all(np.isfinite(rows["x"]))
     return state, rows if arrived else None
@@ -265,7 +265,7 @@ def resolved(nodes, least, vesicles):
 
 @styled
 def draw(found) -> Figure:
-    """A panel a scene: error of the shape against seconds."""
+    """Draws the error of the shape against seconds, one panel per scene."""
     figure = Figure(figsize=(run_plots.PAGE, 2.9))
     panels = np.atleast_1d(figure.subplots(1, len(found), sharey=True))
     for axes, (name, scene) in zip(panels, found.items(), strict=True):
@@ -296,7 +296,7 @@ def _proportion(table) -> str:
 
 
 def report(found) -> None:
-    """Prints what `run` found, and what follows from it."""
+    """Prints the results of `run` and what follows from them."""
     for name, scene in found.items():
         grown = ", ".join(f"{g:.3g} (t = {float(t):g})" for t, g in scene["amplification"].items())
         print(f"{name}: reference {scene['reference']}; displacements grow, by their instant, {grown} times")

@@ -32,7 +32,7 @@ CONDUCTANCES = {0.05: (1.4, 1.8), 0.1: (1.3, 1.7), 0.2: (1.1, 1.6), 0.3: (1.0, 1
 
 
 def scene(reduced_area, *, start="ellipse", conductance=0.0, N=64, tolerance=1e-6, t_end=1.5, saves=75):
-    """One vesicle along a field whose strength is sought."""
+    """Returns one vesicle along a field."""
     vesicle = {"reduced_area": reduced_area, "angle": 90.0, "relaxed": start == "relaxed"}
     field = {"beta": 1.0, "conductivity_ratio": 0.1, "membrane_conductance": conductance}
     numerics = {"nodes": N, "tolerance": tolerance}
@@ -40,7 +40,7 @@ def scene(reduced_area, *, start="ellipse", conductance=0.0, N=64, tolerance=1e-
 
 
 def one(setting, bracket, late, *, errors=True):
-    """β₀, its discretisation error, and slopes up to `late` times the instant of least deformation."""
+    """Returns β₀, its discretisation error, and its derivatives, up to `late` times the time of least deformation."""
     found = critical.critical_field(setting, bracket)
     vesicle, field = setting.vesicle[0], setting.field
     start = "at rest" if vesicle.relaxed else "ellipse"
@@ -58,7 +58,7 @@ def run(
     tolerance=1e-6,
     late=1.4,
 ):
-    """By start and Δ: β₀ with errors and slopes; β₀ and slopes along Δ at G = 0, and along G at Δ = 0.9."""
+    """Returns β₀ with errors and derivatives by start and Δ, and along Δ at G = 0 and along G at Δ = 0.9."""
     kinds = dict(N=N, tolerance=tolerance)
     table = {
         start: {area: one(scene(area, start=start, **kinds), bracket, late) for area, bracket in brackets.items()}
@@ -74,7 +74,7 @@ def run(
 
 
 def slope(row, name):
-    """dβ₀/d`name`, and the largest deviation of the other quantities at the last instant from it."""
+    """Returns dβ₀/d`name`, and the largest deviation of the other quantities from it at the last time."""
     last = {key: values[-1] for key, values in row["slopes"]["ratios"][name].items()}
     value = last["deformation_along_field"]
     return value, max(abs(other - value) for other in last.values())
@@ -82,7 +82,7 @@ def slope(row, name):
 
 @styled
 def draw(found) -> Figure:
-    """β₀ along Δ and along G with tangents from the derivatives; the ratios against time."""
+    """Draws β₀ along Δ and along G with tangents from the derivatives, and the ratios against time."""
     figure = Figure(figsize=(run_plots.PAGE, 2.6))
     left, middle, right = figure.subplots(1, 3)
     ellipse = found["cases"]["ellipse"]

@@ -41,14 +41,14 @@ QUICK = dict(kinds=("fixed",), steps=(4,), N=16, repeats=1, processes=False)
 
 
 def march_of(kind: str, steps: int) -> AbstractMarch:
-    """As many steps of `STEP`; adaptive ones, which begin smaller, are a few more."""
+    """Returns steps of `STEP`; adaptive steps begin smaller, so there are a few more of them."""
     if kind == "fixed":
         return Fixed(steps)
     return Adaptive(1e-3, largest=STEP, recorded=steps + 50 if kind == "adaptive" else None)
 
 
 def calls_of(kind: str, steps: int, N: int) -> dict:
-    """The run, its jvp and its gradient, as functions of `NUMBERS`."""
+    """Returns the run, its jvp and its gradient, as functions of `NUMBERS`."""
     ellipse, march = shapes.ellipse(N, 0.9, angle=jnp.pi / 2), march_of(kind, steps)
 
     def run(numbers):
@@ -100,7 +100,7 @@ def _costs(kind, steps, N, repeats, processes):
 
 
 def _grown(kind, steps, N, name) -> float:
-    """By how many MB a process grows, at its largest, in one call; NaN where the system does not tell."""
+    """Returns by how many MB a process grows in one call; NaN if the system does not report it."""
     command = [sys.executable, "-m", __spec__.name, json.dumps([kind, steps, N, name])]
     return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
@@ -125,7 +125,7 @@ def _kilobytes(what: str) -> int:
 
 @styled
 def draw(found) -> Figure:
-    """Ratios and allocated memory against the number of steps."""
+    """Draws ratios and allocated memory against the number of steps."""
     figure = Figure(figsize=(run_plots.PAGE, 2.7))
     time, memory = figure.subplots(1, 2)
     for i, (kind, tables) in enumerate(found.items()):

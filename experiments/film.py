@@ -43,7 +43,7 @@ def gap_rate(setting, x, V_m):
 
 
 def run(gaps=GAPS, sizes=(48, 64, 96, 128, 192, 256), t_end=6.5, saves=130, start=64):
-    """{gap: {N: rate of the gap, relative error, estimate, gap in node spacings}}; the last N is the reference."""
+    """Returns {gap: {N: rate, relative error, estimate, gap in node spacings}}; the last N is the reference."""
     setting = _pairs.scene(0.1, N=start)
     chain = _pairs.history(setting, t_end, saves, thinnest=min(gaps), checks=Checks(film=np.inf))
     found = {}
@@ -66,7 +66,7 @@ def run(gaps=GAPS, sizes=(48, 64, 96, 128, 192, 256), t_end=6.5, saves=130, star
 
 
 def draw(found) -> Figure:
-    """The error against the estimate, and against the gap in node spacings."""
+    """Draws the error against the estimate, and against the gap in node spacings."""
     figure = Figure(figsize=(run_plots.PAGE, 2.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     sizes = sorted(next(iter(found.values())))[:-1]

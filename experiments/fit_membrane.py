@@ -39,21 +39,21 @@ QUICK = dict(trajectories=1, N=32, saves=8, tolerance=1e-3, t_end=0.1)
 
 
 def scene(N, values=TRUTH):
-    """One vesicle along a field with these numbers."""
+    """Returns one vesicle along a field with these numbers."""
     field = {name.removeprefix("field."): float(value) for name, value in values.items()}
     return parse({"t_end": 1.0, "vesicle": [{"reduced_area": 0.9, "angle": 90.0}], "field": field,
                   "numerics": {"nodes": N}})  # fmt: skip
 
 
 def clean(N, saves, tolerance, t_end):
-    """What would be seen without noise, and the deviations of the noise."""
+    """Returns the observations without noise, and the standard deviations of the noise."""
     blank = Observations(t_end, {name: np.zeros((saves, 1)) for name in SEEN}, dict.fromkeys(SEEN, 1.0))
     seen = shown(Model.of(scene(2 * N), blank, Adaptive(0.1 * tolerance)), TRUTH)
     return seen, {name: NOISE * float(np.max(np.abs(values))) for name, values in seen.items()}
 
 
 def run(trajectories=20, N=48, saves=64, tolerance=1e-5, t_end=0.2, factor=3.0):
-    """The fits, one by one: values, intervals, χ², seconds; how often each number is in its interval."""
+    """Returns values, intervals, χ² and seconds of each fit, and how often each number is in its interval."""
     exact, deviation = clean(N, saves, tolerance, t_end)
     file = scene(N)
     out = []
@@ -81,13 +81,13 @@ def run(trajectories=20, N=48, saves=64, tolerance=1e-5, t_end=0.2, factor=3.0):
 
 
 def expected(found_row):
-    """Relative half-widths of the intervals of one fit, about the geometric mean."""
+    """Returns the relative half-widths of the intervals of one fit, about the geometric mean."""
     return {name: float(np.log(high / low) / 2) for name, (low, high) in found_row["intervals"].items()}
 
 
 @styled
 def draw(found) -> Figure:
-    """The intervals of all fits, relative to the truth."""
+    """Draws the intervals of all fits, relative to the true values."""
     figure = Figure(figsize=(run_plots.PAGE, 2.4))
     for axes, (name, value) in zip(figure.subplots(1, len(TRUTH), sharey=True), TRUTH.items(), strict=True):
         for i, row in enumerate(found["fits"]):

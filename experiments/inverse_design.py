@@ -27,7 +27,7 @@ QUICK = dict(N=32, t_end=0.3, most=2)
 
 
 def run(wanted=WANTED, N=64, t_end=1.5, most=100, longest=0.15, enough=1e-6):
-    """The path of the search: numbers, what they give, how far off; the first and last outlines."""
+    """Returns the path of the search: numbers, results and deviations, and the first and last outlines."""
     file = treading(N)
     first = dict(zip(NAMES, (0.4, 6.4), strict=True))
     y = _start(scene_of(file, first), t_end)
@@ -53,7 +53,7 @@ def run(wanted=WANTED, N=64, t_end=1.5, most=100, longest=0.15, enough=1e-6):
 
 @styled
 def draw(found) -> Figure:
-    """The outlines before and after, the way through (Λ, β), and how both wishes came true."""
+    """Draws the outlines before and after, the path through (Λ, β), and the approach to both targets."""
     figure = Figure(figsize=(run_plots.PAGE, 2.4))
     left, middle, right = figure.subplots(1, 3)
     path = found["path"]

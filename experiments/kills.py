@@ -44,14 +44,14 @@ def scene(t_end, saves) -> dict:
 
 
 def acknowledged(file: h5py.File) -> np.ndarray:
-    """Which cases of a sweep, or rows of a run, count as done."""
+    """Returns which cases of a sweep, or rows of a run, are valid in the file."""
     if "status" in file:
         return ~np.isin(file["status"][...].astype(str), DUE).ravel()
     return np.arange(file.attrs["saves"]) < file.attrs["saved"]
 
 
 def parts(file: h5py.File, which: np.ndarray) -> dict[str, bytes]:
-    """All that the file says of these cases or rows."""
+    """Returns everything that the file has of these cases or rows."""
     if "status" in file:
         found = {name: data for name, data in datasets_below(file).items() if data.attrs.get("per_case")}
         return {name: np.reshape(data[...], (len(which), -1))[which].tobytes() for name, data in found.items()}
@@ -59,7 +59,7 @@ def parts(file: h5py.File, which: np.ndarray) -> dict[str, bytes]:
 
 
 def everything(path: Path) -> dict[str, bytes | list]:
-    """All datasets of a finished file; of the two states to continue from the one that counts."""
+    """Returns all datasets of a finished file, with the valid one of the two restart states."""
     with h5py.File(path) as file:
         found = {name: data for name, data in datasets_below(file).items() if not name.startswith("restart/")}
         if "restart" in file:
@@ -68,7 +68,7 @@ def everything(path: Path) -> dict[str, bytes | list]:
 
 
 def kept(broken: Path, whole: Path) -> tuple[int, bool]:
-    """How much a file cut off acknowledges; whether that has the right bits and a run goes on after it."""
+    """Returns how much an interrupted file has, whether it has the right bits, and whether a run continues from it."""
     if not broken.exists():
         return 0, True
     with h5py.File(broken) as file, h5py.File(whole) as undisturbed:
@@ -80,14 +80,14 @@ def kept(broken: Path, whole: Path) -> tuple[int, bool]:
 
 
 class Command:
-    """`jaxves WORD` on these tables, in a folder of its own with its compiled programs."""
+    """The command `jaxves WORD` on these tables, in its own folder with its compiled programs."""
 
     def __init__(self, word: str, tables: dict, folder: Path):
         self.word, self.folder = word, folder
         (folder / "in.toml").write_text(tomli_w.dumps(tables))
 
     def __call__(self, out: Path, *options: str, seconds: float | None = None) -> str | None:
-        """What it says first; None when it was killed after so many seconds."""
+        """Runs the command; returns its first line of output, or None if it was killed after so many seconds."""
         command = [sys.executable, "-m", "jaxves", self.word, "in.toml", "--out", str(out), *options]
         env = os.environ | _CACHE | {"JAX_COMPILATION_CACHE_DIR": str(self.folder / "cache")}
         try:
@@ -100,7 +100,7 @@ class Command:
 
 
 def disturbed(command: Command, kills: int, rng: np.random.Generator) -> dict:
-    """Its seconds undisturbed; by sitting, what was acknowledged before and after, and whether all held."""
+    """Returns the undisturbed seconds; for each call the contents before and after, and whether they were right."""
     whole, broken = command.folder / "whole.h5", command.folder / "broken.h5"
     command(whole)  # compiles
     began = time.perf_counter()
@@ -128,7 +128,7 @@ def disturbed(command: Command, kills: int, rng: np.random.Generator) -> dict:
 
 
 def run(kills=10, cases=1500, rows=6000, seed=None):
-    """By command: its seconds undisturbed, how many cases or rows it has, and its sittings."""
+    """Returns, by command, its undisturbed seconds, its number of cases or rows, and its calls."""
     rng = np.random.default_rng(seed)
     axes = {"field.beta": {"start": 0.5, "stop": 6.0, "num": cases // 2}, "field.membrane_conductance": [0.0, 1.0]}
     tables = {

@@ -28,7 +28,7 @@ QUICK = dict(t_end=0.5, saves=10, N=32, steps_per_unit=160, tolerances=(), reduc
 
 
 def measured(rows, equation, settled):
-    """Largest changes after `settled`, and the largest errors of what is conserved at any time."""
+    """Returns the largest changes after `settled`, and the largest errors of conserved quantities at any time."""
 
     def spread(name):
         values = rows[f"diagnostics/{name}"][rows["t"] >= settled]
@@ -52,7 +52,7 @@ def measured(rows, equation, settled):
 def run(
     t_end=100.0, saves=200, settled=None, N=96, steps_per_unit=200, tolerances=(1e-5, 1e-7), reduced_area=0.7, Ca=10.0
 ):
-    """{method: {status, t, steps, turns, and the changes and errors of `measured`}}."""
+    """Returns {method: {status, t, steps, turns, and the changes and errors of `measured`}}."""
     settled = 0.2 * t_end if settled is None else settled
     times = t_end * np.arange(1, saves + 1) / saves
     scene = make_scene(shapes.ellipse(N, reduced_area, angle=jnp.deg2rad(20.0)), flow=Shear(Ca))

@@ -87,7 +87,7 @@ def _errors(scene, t_end, method, sizes, best):
 
 @styled
 def draw(found) -> Figure:
-    """A row a scene: errors against steps, errors of area and length against steps, error against wall time."""
+    """Draws errors against steps, errors of area and length against steps, error against time; one row per scene."""
     figure = Figure(figsize=(run_plots.PAGE, 2.3 * len(found)))
     for row, (name, methods) in zip(np.atleast_2d(figure.subplots(len(found), 3)), found.items(), strict=True):
         for i, (method, table) in enumerate(m for m in methods.items() if m[0] != "reference"):

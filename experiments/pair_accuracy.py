@@ -31,7 +31,7 @@ QUICK = dict(
 
 
 def run(cases=CASES, symmetries=(96, 1e-7, 5.0), saves=10, stepper=ARK5()):  # noqa: B008
-    """{case: differences and steps}; `symmetries`: nodes, tolerance and end of those numbered anew and turned."""
+    """Returns {case: differences and steps}. `symmetries` has nodes, tolerance and end for the equivalent scenes."""
     found = {}
     for name, (ratio, t_end, *both) in cases.items():
         coarse, fine = (
@@ -58,7 +58,7 @@ def run(cases=CASES, symmetries=(96, 1e-7, 5.0), saves=10, stepper=ARK5()):  # n
 
 
 def same_scenes(setting):
-    """The scene itself, with its vesicles numbered the other way round, and turned by TURN with its field."""
+    """Returns the scene, with its vesicles in the other order, and rotated by TURN with its field."""
     swapped = eqx.tree_at(lambda s: s.x, setting, setting.x[::-1])
     turned = eqx.tree_at(
         lambda s: (s.x, s.field.direction),
@@ -69,12 +69,12 @@ def same_scenes(setting):
 
 
 def angle_between(a, b) -> float:
-    """The greatest angle between axes of these directions."""
+    """Returns the largest angle between axes of these directions."""
     return float(np.max(np.abs((a - b + 0.5 * np.pi) % np.pi - 0.5 * np.pi)))
 
 
 def difference(a: dict, b: dict) -> dict:
-    """Between two histories at the end: of the centres, the inclinations (radians), and the relative one of the gap."""
+    """Returns the differences of two time series at the end: centres, inclinations (radians), relative gap."""
     return {
         "t": float(a["t"][-1]),
         "center": float(np.max(np.abs(a["center"][-1] - b["center"][-1]))),

@@ -48,7 +48,7 @@ def run(instants=INSTANTS, N=64, t_end=8.0, saves=160, resolution=100):
 
 
 def draw(found, grid) -> Figure:
-    """One panel for each of up to three instants."""
+    """Draws one panel for each of up to three instants."""
     figure = Figure(figsize=(6.4, 2.2), layout="constrained")
     colors = style.scale(np.stack([case["V_m"] for case in found.values()]))
     axes = figure.subplots(1, 3, squeeze=False).ravel()

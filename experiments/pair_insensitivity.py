@@ -23,7 +23,7 @@ QUICK = dict(offsets=(40.0,), ratios=(0.5,), areas={0.99: (2.4, (32,))}, t_end=0
 
 
 def run(offsets=OFFSETS, ratios=RATIOS, areas=AREAS, t_end=8.0, saves=80, nodes=(64, 128)):
-    """{("offset", Λ, degrees) or ("area", Λ, Δ): history with class}."""
+    """Returns {("offset", Λ, degrees) or ("area", Λ, Δ): history with class}."""
     found = {}
     for ratio in ratios:
         for offset in offsets:
@@ -38,7 +38,7 @@ def run(offsets=OFFSETS, ratios=RATIOS, areas=AREAS, t_end=8.0, saves=80, nodes=
 
 
 def draw(found) -> Figure:
-    """Angle of the line of centres against time for each Λ, and the shapes at the end for each Δ."""
+    """Draws the angle of the line of centres against time for each Λ, and the final shapes for each Δ."""
     ratios = sorted({key[1] for key in found})
     areas = sorted({key[2] for key in found if key[0] == "area"})
     figure = Figure(figsize=(run_plots.PAGE, 2.0 + 1.5 * len(areas)), layout="constrained")

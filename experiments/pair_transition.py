@@ -38,7 +38,7 @@ def run(ratios=RATIOS, conductances=CONDUCTANCES, t_end=12.0, saves=240, nodes=(
 
 
 def draw(found) -> Figure:
-    """For each Λ the shapes at the end, and the angle of the line of centres against time."""
+    """Draws, for each Λ, the final shapes and the angle of the line of centres against time."""
     ratios = sorted({key[0] for key in found})
     conductances = sorted({key[1] for key in found})
     figure = Figure(figsize=(run_plots.PAGE, 3.4 * len(ratios)), layout="constrained")

@@ -33,7 +33,7 @@ def run(
     special=(("aligned", 90.0, 3.2), ("side by side", 0.0, 2.0)),
     brief=(1.0, 20),
 ):
-    """{(Λ, G): history with class}, and those of two vesicles aligned and side by side (Λ = 0.5, G = 0)."""
+    """Returns {(Λ, G): history with class}, and those of vesicles aligned and side by side (Λ = 0.5, G = 0)."""
     found = {}
     for G in conductances:
         for ratio in ratios:
@@ -44,12 +44,12 @@ def run(
 
 
 def cells(found) -> dict:
-    """Those of the table."""
+    """Returns the histories of the table."""
     return {key: case for key, case in found.items() if isinstance(key, tuple)}
 
 
 def draw_table(found) -> Figure:
-    """One panel for each (Λ, G): shapes at the end, the way of the centres, the class in its colour."""
+    """Draws, for each (Λ, G), the final shapes, the paths of the centres, and the class by colour."""
     table = cells(found)
     ratios, conductances = (sorted({key[axis] for key in table}) for axis in (0, 1))
     figure = Figure(figsize=(run_plots.PAGE, 1.25 * len(conductances) + 0.3), layout="constrained")
@@ -72,7 +72,7 @@ def draw_table(found) -> Figure:
 
 
 def draw(found) -> Figure:
-    """Angle of the line of centres and gap against time, G = 0."""
+    """Draws the angle of the line of centres and the gap against time, G = 0."""
     figure = Figure(figsize=(6.8, 2.6), layout="constrained")
     turning, draining = figure.subplots(1, 2)
     cases = {ratio: case for (ratio, G), case in cells(found).items() if G == 0}

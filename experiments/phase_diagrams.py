@@ -34,7 +34,7 @@ QUICK = dict(
 
 
 def scene(nodes, t_end=6.0, saves=120) -> dict:
-    """A vesicle along the field, until nothing moves any more or it was prolate, oblate and prolate."""
+    """Returns a vesicle along the field; the run ends when the shape is steady or the class is POP."""
     return {
         "t_end": t_end,
         "saves": saves,
@@ -46,7 +46,7 @@ def scene(nodes, t_end=6.0, saves=120) -> dict:
 
 
 def tables(areas, beta, conductance, levels, nodes, t_end, saves) -> dict:
-    """The sweep; an axis is (start, stop, num)."""
+    """Returns the tables of the sweep; an axis is (start, stop, num)."""
     span = ("start", "stop", "num")
     return {
         "scene": scene(nodes, t_end, saves),
@@ -70,7 +70,7 @@ def run(
     saves=120,
     folder=None,
 ):
-    """The records of the sweeps as one, and by Δ: classes over the grid, numbers of cases, seconds, β₀(G)."""
+    """Returns the records of the sweeps as one, and by Δ: classes, numbers of cases, seconds, β₀(G)."""
     records, found = [], {}
     for area in areas:
         began = time.perf_counter()
@@ -104,14 +104,14 @@ def run(
 
 
 def boundary(record) -> dict[float, list[float]]:
-    """{G: the greatest β that stays prolate, the least above it that does not}, where the grid has both."""
+    """Returns {G: the largest β in class P, the least β above it in another class}, if the grid has both."""
     strengths, conductances = (record.coordinates[f"field.{name}"][1] for name in ("beta", "membrane_conductance"))
     found = {float(G): bracket(strengths, record.classes[0, :, j]) for j, G in enumerate(conductances)}
     return {G: pair for G, pair in found.items() if pair is not None}
 
 
 def critical_fields(scene, area, brackets, most=7) -> dict[float, float | str]:
-    """β₀ at up to `most` of the conductances of `brackets`, or why there is none."""
+    """Returns β₀ at up to `most` of the conductances of `brackets`, or why there is none."""
     chosen = list(brackets)[:: -(-len(brackets) // most)] if brackets else []
     found = {}
     for G in chosen:
@@ -128,7 +128,7 @@ def critical_fields(scene, area, brackets, most=7) -> dict[float, float | str]:
 
 
 def joined(records):
-    """The ends and classes of sweeps that differ in their Δ alone, as one record."""
+    """Returns the results and classes of sweeps that differ only in Δ, as one record."""
     first = records[0]
     name = "vesicle.reduced_area"
     dims, _ = first.coordinates[name]
@@ -138,14 +138,14 @@ def joined(records):
 
 
 def replaced(record, places, other):
-    """The record with the ends and classes of some of its cases taken from another."""
+    """Returns the record with the results of some of its cases taken from another."""
     words, classes = record.status.copy(), record.classes.copy()
     words[places], classes[places] = other.status, other.classes
     return dataclasses.replace(record, status=words, classes=classes)
 
 
 def bracket(strengths, classes) -> list[float] | None:
-    """The greatest β that stays prolate and the least above it that does not."""
+    """Returns the largest β in class P and the least β above it in another class."""
     known = [(beta, word) for beta, word in zip(strengths, classes, strict=True) if word]
     for (low, before), (high, after) in pairwise(known):
         if before == "P" and after != "P":
@@ -154,7 +154,7 @@ def bracket(strengths, classes) -> list[float] | None:
 
 
 def draw(found):
-    """One panel for each Δ, with the critical fields as points."""
+    """Draws one panel for each Δ, with the critical fields as points."""
     figure = sweep_plots.phase_diagram(found["record"])
     for ax, row in zip(figure.axes, found["by area"].values(), strict=True):
         known = {G: beta for G, beta in row["critical"].items() if not isinstance(beta, str)}

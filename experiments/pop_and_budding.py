@@ -42,7 +42,7 @@ CASES += tuple((beta, 128, 1e-4) for beta in (11.2, 12.0, 12.8, 13.6, 14.4, 16.0
 
 
 def history(setting, times, tolerance=1e-4, together=5):
-    """Rows of a run at `times`, the numbers of steps, and how it ended."""
+    """Returns the rows of a run at `times`, the numbers of steps, and the status."""
     state, rows, _ = march(setting, Adaptive(tolerance), times, together=together)
     rows = {name: row[~np.isnan(rows["t"])] for name, row in rows.items()}
     word = status.WORDS[max(int(state.status), status.COMPLETE)]
@@ -94,7 +94,7 @@ def first_minimum(t, width):
 
 
 def budding(beta, N, tolerance, window, every=1e-3, after=()):
-    """The neck in `window`, saved densely there, of the vesicle with Δ = 0.5; and the rows of the run."""
+    """Returns the neck of the vesicle with Δ = 0.5 in `window`, saved densely there, and the rows of the run."""
     before = np.arange(0.01, window[0] - 1e-9, 0.01)
     dense = np.arange(round(window[0] / every), round(window[1] / every) + 1) * every
     rows = history(pop(N, reduced_area=0.5, beta=beta), np.concatenate([before, dense, after]), tolerance)
@@ -117,7 +117,7 @@ def budding(beta, N, tolerance, window, every=1e-3, after=()):
 
 
 def run(cases=CASES, windows=WINDOWS, N=64, t_end=1.0, saves=50, after=(0.275, 0.3)):
-    """Histories of the POP run, of Λ = 10 and of the first budding case; necks of all cases."""
+    """Returns histories of the POP run, of Λ = 10 and of the first budding case, and the necks of all cases."""
     times = t_end * np.arange(1, saves + 1) / saves
     found = {"POP": history(pop(N), times), "Λ = 10": history(pop(N, conductivity_ratio=10.0), times), "necks": []}
     for beta, nodes, tolerance in cases:
@@ -131,14 +131,14 @@ def run(cases=CASES, windows=WINDOWS, N=64, t_end=1.0, saves=50, after=(0.275, 0
 
 
 def classes(found) -> dict[str, str]:
-    """The phase of each of the two runs at Δ = 0.9, as `jaxves.class_names` sees it."""
+    """Returns the class of each of the two runs at Δ = 0.9, by `jaxves.class_names`."""
     deformation = {name: found[name]["diagnostics/deformation_along_field"][:, 0] for name in ("POP", "Λ = 10")}
     return {name: phases.class_names(D)[0] for name, D in deformation.items()}
 
 
 @styled
 def draw_necks(necks) -> Figure:
-    """Neck width and tension in it against time, and the shapes when it is narrowest; grey: the coarser cases."""
+    """Draws neck width and tension against time, and the shapes with the narrowest neck; coarser cases are grey."""
     figure = Figure(figsize=(run_plots.PAGE, 2.5))
     left, middle, right = figure.subplots(1, 3)
     colors = {beta: f"C{i}" for i, beta in enumerate(sorted(PAPER))}
@@ -164,7 +164,7 @@ def draw_necks(necks) -> Figure:
 
 
 def _record(rows, setting):
-    """What `plot.snapshots` wants, with the uncharged start before the saved rows."""
+    """Returns a record for `plots.snapshots`, with the uncharged start before the saved rows."""
     x = np.asarray(setting.x)[None]
     first = {"t": np.zeros(1), "x": x, "V_m": np.zeros(x.shape[:3]), "tension": np.full(x.shape[:3], np.nan)}
     return SimpleNamespace(**{name: np.concatenate([value, rows[name]]) for name, value in first.items()})

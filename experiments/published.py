@@ -48,7 +48,7 @@ QUICK = dict(areas=(0.9,), N=32, tolerance=1e-4, t_end=1.5, shears=(10.0,), rest
 
 
 def keller_skalak(reduced_area) -> float:
-    """Inclination, radians, of the ellipse of this reduced area."""
+    """Returns the inclination in radians of the ellipse of this reduced area."""
     moment = np.sort(np.linalg.eigvalsh(geometry.second_moments(Curve.from_nodes(shapes.ellipse(256, reduced_area)))))
     ratio = float(np.sqrt(moment[1] / moment[0]))  # a/b
     f0, f1 = 2 / (ratio + 1 / ratio), 0.5 * (ratio - 1 / ratio)
@@ -56,7 +56,7 @@ def keller_skalak(reduced_area) -> float:
 
 
 def quasi(reduced_area) -> float:
-    """Inclination, radians, of the quasi-circular vesicle; NaN where the theory has none."""
+    """Returns the inclination in radians of the quasi-circular vesicle; NaN if the theory has none."""
     cosine = 2 * float(quasi_circular.amplitude(reduced_area))
     return 0.5 * np.arccos(cosine) if cosine < 1 else np.nan
 
@@ -115,14 +115,14 @@ def _at_rest(reduced_area, N, tolerance, t_end):
 
 
 def at_rest(reduced_area, N=96, tolerance=1e-7, t_end=6.0) -> dict[str, float]:
-    """Pressure, tension and energy of a vesicle left alone, and how far from uniform its force is."""
+    """Returns pressure, tension and energy of a vesicle at rest, and how much its force deviates from uniform."""
     found = _at_rest(jnp.asarray(reduced_area), N, jnp.asarray(tolerance), jnp.asarray(t_end))
     return {name: float(value) for name, value in found.items()}
 
 
 @eqx.filter_jit
 def charging(ratio, N=32, t_end=0.3, chi=0.08):
-    """Largest deviation of a circle's V_m from the formula for a cylinder, over V_m's bound 2."""
+    """Returns the largest deviation of V_m on a circle from the formula for a cylinder, divided by the bound 2."""
     field = dc_field(0.0, conductivity_ratio=ratio, chi=chi)
     result = simulate(make_scene(shapes.circle(N), field=field), t_end, saves=4, march=Adaptive(1e-9))
     exact = 2 * (1 - jnp.exp(-result.t / (chi * (1 / ratio + 1))))
@@ -144,7 +144,7 @@ def run(areas=AREAS, N=64, tolerance=1e-6, t_end=4.0, shears=(1.0, 10.0, 100.0),
 
 
 def limit(found) -> dict[str, float]:
-    """[μ] and the pressure at Δ = 1, by the straight line in 1 - Δ through the two roundest vesicles."""
+    """Returns [μ] and the pressure at Δ = 1, by a straight line in 1 - Δ through the two roundest vesicles."""
     near = sorted(found["shear"])[-2:]
     viscosity = np.polyfit([1 - a for a in near], [found["shear"][a]["viscosity"] for a in near], 1)[-1]
     rest = sorted(found["rest"])[-2:]
@@ -154,7 +154,7 @@ def limit(found) -> dict[str, float]:
 
 @styled
 def draw(found) -> Figure:
-    """Inclination against Δ with both theories; pressure of a vesicle at rest on the elastica's curve."""
+    """Draws inclination against Δ with both theories, and the pressure of vesicles at rest with the elastica."""
     figure = Figure(figsize=(run_plots.PAGE, 2.5))
     left, right = figure.subplots(1, 2)
     fine = np.linspace(0.55, 0.999, 60)

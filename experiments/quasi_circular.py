@@ -66,7 +66,7 @@ class Numbers(NamedTuple):
 
 
 class Circle(NamedTuple):
-    """What acts on the circle when mode 1 of V_m is V."""
+    """The quantities on the circle if mode 1 of V_m is V."""
 
     rotation: Float[Array, ""]  # Ω
     forcing: Complex[Array, ""]  # F
@@ -76,7 +76,7 @@ class Circle(NamedTuple):
 
 
 def on_the_circle(V, n: Numbers) -> Circle:
-    """Ω, F and the electric force at a given V."""
+    """Returns Ω, F and the electric force for a given V."""
     s, scale = inner_share(jnp.asarray(n.ratio, dtype=float)), n.beta / n.chi
     E = 0.5 * jnp.exp(-1j * n.direction)
     w = 2 * E - V
@@ -89,12 +89,12 @@ def on_the_circle(V, n: Numbers) -> Circle:
 
 
 def amplitude(reduced_area):
-    """A of u = A cos 2(θ - ψ)."""
+    """Returns the amplitude A of u = A cos 2(θ - ψ)."""
     return jnp.sqrt(2 * (1 - reduced_area) / 3)
 
 
 def rates(state, n: Numbers, reduced_area):
-    """(dψ/dt, dV/dt) at (ψ, V)."""
+    """Returns (dψ/dt, dV/dt) at (ψ, V)."""
     angle, V = state
     circle = on_the_circle(V, n)
     s = inner_share(jnp.asarray(n.ratio, dtype=float))
@@ -104,7 +104,7 @@ def rates(state, n: Numbers, reduced_area):
 
 
 def solution(n: Numbers, reduced_area, angle, t_end, steps=4000):
-    """(ψ, V) at `t_end` from an uncharged vesicle inclined by `angle`; classical Runge-Kutta."""
+    """Returns (ψ, V) at `t_end` for an uncharged vesicle at inclination `angle`; classical Runge-Kutta."""
     h = t_end / steps
 
     def step(y, _):
@@ -122,7 +122,7 @@ def solution(n: Numbers, reduced_area, angle, t_end, steps=4000):
 
 
 def observables(state, n: Numbers, reduced_area) -> dict[str, Array]:
-    """ψ, mode 1 of V_m, mean tangential velocity, λ₀ A, and [μ] at (ψ, V)."""
+    """Returns ψ, mode 1 of V_m, mean tangential velocity, λ₀ A, and [μ] at (ψ, V)."""
     angle, V = state
     circle = on_the_circle(V, n)
     turned = circle.forcing * jnp.exp(2j * angle)
@@ -139,19 +139,19 @@ def observables(state, n: Numbers, reduced_area) -> dict[str, Array]:
 
 
 def theory(n: Numbers, reduced_area, angle, t_end):
-    """The observables at `t_end`."""
+    """Returns the observables at `t_end` by the theory."""
     return observables(solution(n, reduced_area, angle, t_end), n, reduced_area)
 
 
 def scene(n: Numbers, reduced_area, angle, N: int) -> Scene:
-    """The vesicle that the theory is about: an ellipse, whose mode 4 is of the order of 1 - Δ."""
+    """Returns the vesicle of the theory: an ellipse, whose mode 4 is of the order of 1 - Δ."""
     direction = (np.cos(n.direction), np.sin(n.direction))
     field = dc_field(n.beta, conductivity_ratio=n.ratio, membrane_conductance=n.conductance, direction=direction)
     return make_scene(shapes.ellipse(N, reduced_area, angle=angle), field=field, flow=Shear(n.shear))
 
 
 def simulated(n: Numbers, reduced_area, angle, t_end, *, N: int, steps: int):
-    """The same observables from the full equations."""
+    """Returns the same observables from the full equations."""
     result = simulate(scene(n, reduced_area, angle, N), t_end, saves=1, march=Fixed(steps))
     curve = Curve.from_nodes(result.x[-1, 0])
     mode = jnp.sum(result.V_m[-1, 0] * (curve.normal[:, 0] - 1j * curve.normal[:, 1]) * curve.weights)
@@ -167,7 +167,7 @@ def simulated(n: Numbers, reduced_area, angle, t_end, *, N: int, steps: int):
 
 @eqx.filter_jit
 def with_derivatives(of, numbers, reduced_area, *arguments, **options):
-    """Values, and their derivatives with respect to β and Λ."""
+    """Returns values, and their derivatives with respect to β and Λ."""
 
     def values(beta, ratio):
         n = Numbers(**numbers)._replace(beta=beta, ratio=ratio)
@@ -180,7 +180,7 @@ def with_derivatives(of, numbers, reduced_area, *arguments, **options):
 
 
 def in_a_field(areas=AREAS, numbers=FIELD, angle=0.5, t_end=0.4, N=64, steps=240):
-    """Differences between theory and simulation of values and derivatives, by Δ; and the theory's own."""
+    """Returns differences between theory and simulation of values and derivatives by Δ, and the theory."""
     found = {"theory": [], "difference": []}
     for area in areas:
         exact = with_derivatives(theory, numbers, jnp.asarray(area), angle, t_end)
@@ -198,7 +198,7 @@ def _treading(reduced_area, shear, N, tolerance, t_end):
 
 
 def in_shear(areas=AREAS, shear=2.0, N=64, tolerance=1e-8, t_end=2.0):
-    """Steady inclination against ½ arccos 2A, and [μ] against 2: differences by Δ."""
+    """Returns, by Δ, differences of the steady inclination from ½ arccos 2A, and of [μ] from 2."""
     found = {"inclination": [], "viscosity": []}
     for area in areas:
         rows = _treading(jnp.asarray(area), jnp.asarray(shear), N, jnp.asarray(tolerance), t_end)
@@ -208,9 +208,9 @@ def in_shear(areas=AREAS, shear=2.0, N=64, tolerance=1e-8, t_end=2.0):
 
 
 def critical_conductance(ratio) -> float:
-    """G_c: beyond it the charged vesicle is pressed oblate by a field of any strength, for Λ < 1.
+    """Returns G_c: above it a field of any strength makes the charged vesicle oblate, for Λ < 1.
 
-    With the steady V = 2E ν, ν = s/(s+G), the bracket of F is a quadratic in ν, zero at 1/(1 + G_c/s).
+    With the steady V = 2E ν, ν = s/(s+G), the bracket of F is a quadratic in ν, which is zero at 1/(1 + G_c/s).
     """
     s = ratio / (1 + ratio)
     # 3 I² = O² + T² + O T over (2E)²; T = (1-s)(1-ν) + ν
@@ -223,7 +223,10 @@ def critical_conductance(ratio) -> float:
 
 
 def side(ratio, share_of_critical, reduced_area=0.99, beta=1.6, N=48, t_end=3.0, tolerance=1e-4):
-    """Final inclination, degrees, of a vesicle put at 45° without flow, G in units of G_c: 90 prolate, 0 oblate."""
+    """Returns the final inclination in degrees of a vesicle that starts at 45° without flow: 90 prolate, 0 oblate.
+
+    G is in units of G_c.
+    """
     G = share_of_critical * critical_conductance(ratio)
     return float(np.degrees(_left_alone(jnp.asarray(ratio), jnp.asarray(G), reduced_area, beta, N, t_end, tolerance)))
 
@@ -236,12 +239,12 @@ def _left_alone(ratio, G, reduced_area, beta, N, t_end, tolerance):
 
 
 def orders(areas, differences) -> np.ndarray:
-    """Observed powers of 1 - Δ from one Δ to the next."""
+    """Returns the observed powers of 1 - Δ from one Δ to the next."""
     return np.diff(np.log(differences)) / np.diff(np.log(1 - np.array(areas)))
 
 
 def run(areas=AREAS, N=64, steps=240, ratios=(0.1, 0.5), shares=(0.8, 1.25)):
-    """Differences in a field and in shear alone, and the sides to which vesicles below and above G_c go."""
+    """Returns differences in a field and in shear, and the final inclinations for conductances below and above G_c."""
     sides = {
         ratio: {"G_c": critical_conductance(ratio)} | {share: side(ratio, share) for share in shares}
         for ratio in ratios
@@ -256,7 +259,7 @@ def run(areas=AREAS, N=64, steps=240, ratios=(0.1, 0.5), shares=(0.8, 1.25)):
 
 @styled
 def draw(found) -> Figure:
-    """Differences against 1 - Δ, with the slopes expected."""
+    """Draws differences against 1 - Δ, with the expected slopes."""
     figure = Figure(figsize=(run_plots.PAGE, 2.6))
     panels = figure.subplots(1, 3, sharex=True)
     deficit = 1 - np.array(found["areas"])

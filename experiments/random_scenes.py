@@ -47,7 +47,7 @@ QUICK = dict(count=2, seed=3, nodes=(32,), longest=0.02)
 
 
 def drawn(rng: np.random.Generator, nodes=(64, "auto"), longest=0.5) -> SceneFile:
-    """One scene; its end is a few of the shortest of its time scales away, at most `longest`."""
+    """Returns one random scene; it ends after a few of its shortest time scales, at most at `longest`."""
 
     def log(low, high):
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
@@ -84,7 +84,7 @@ def _finer(scene, t_end, tolerance):
 
 
 def true_error(scene_file: SceneFile, record: run_store.Record) -> tuple[float, str]:
-    """The largest distance of a saved run from a finer one, and the word with which that ended."""
+    """Returns the largest distance of a saved run from a finer one, and the status of the finer run."""
     N = max(128, 2 * round(0.75 * int(np.max(record.nodes))))
     scene = build(with_nodes(scene_file, N))
     x, V_m, code = _finer(scene, jnp.asarray(scene_file.t_end), jnp.asarray(0.01 * scene_file.numerics.tolerance))
@@ -98,7 +98,7 @@ def true_error(scene_file: SceneFile, record: run_store.Record) -> tuple[float, 
 
 
 def tried(scene_file: SceneFile) -> dict:
-    """What one scene stated and what was true."""
+    """Returns the stated and the true error of one scene."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.h5"
         word = run_file(scene_file, path, force=True)
@@ -112,7 +112,7 @@ def tried(scene_file: SceneFile) -> dict:
 
 
 def run(count=100, seed=1, nodes=(64, "auto"), longest=0.5, known=(), keep=lambda found: None):
-    """A list of what each scene stated and what was true; `known` are the first of it, `keep` gets what there is."""
+    """Returns the stated and true errors of all scenes. `known` are the first of them; `keep` stores results."""
     rng = np.random.default_rng(seed)
     scenes = [drawn(rng, nodes, longest) for _ in range(count)]
     found = list(known)
@@ -128,7 +128,7 @@ def run(count=100, seed=1, nodes=(64, "auto"), longest=0.5, known=(), keep=lambd
 
 
 def verdict(found) -> dict:
-    """What the statements come to; ratios are over complete runs whose finer run was complete as well."""
+    """Returns a summary; ratios are for complete runs whose finer run is complete as well."""
     known = [
         case for case in found if case["word"] in status.SUCCESS and case["finer"] in (*status.SUCCESS, "inaccurate")
     ]
@@ -147,7 +147,7 @@ def verdict(found) -> dict:
 
 @styled
 def draw(found) -> Figure:
-    """Stated against true errors of all scenes that ended as complete or inaccurate."""
+    """Draws stated against true errors of all scenes that end as complete or inaccurate."""
     figure = Figure(figsize=(0.6 * run_plots.PAGE, 0.5 * run_plots.PAGE))
     axes = figure.subplots()
     for word, marker in (("complete", "o"), ("inaccurate", "x")):

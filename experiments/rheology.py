@@ -34,7 +34,7 @@ QUICK = dict(
 
 
 def tables(axes, nodes, t_end=4.0) -> dict:
-    """One vesicle in both, from half way between the axes."""
+    """Returns a sweep for one vesicle in shear and field, starting half way between the axes."""
     return {
         "scene": {
             "t_end": t_end,
@@ -58,7 +58,7 @@ def run(
     disturbed=DISTURBED,
     folder=None,
 ):
-    """Against Λ by Δ; over Ca by Δ against β; growth of disturbances."""
+    """Returns results against Λ by Δ, against β by Δ and Ca, and growth rates of disturbances."""
     against = {}
     for N, few in areas.items():
         axes = {"vesicle.reduced_area": few, "field.conductivity_ratio": ratios}
@@ -86,7 +86,7 @@ def run(
 
 
 def told(record, place) -> dict:
-    """What runs arrive at, and whether it is steady."""
+    """Returns the final values of runs, and whether they are steady."""
     viscosity, mean = (record.data[f"effective_viscosity_{kind}"][place] for kind in ("final", "average"))
     ended = np.isin(record.status[place], list(status.SUCCESS))
     settled = ended & (np.abs(viscosity - mean) < SETTLED * np.abs(mean))
@@ -100,18 +100,18 @@ def told(record, place) -> dict:
 
 
 def least_rise(row, name) -> float:
-    """From one settled case to the next."""
+    """Returns the least rise from one settled case to the next."""
     return float(np.min(np.diff(np.array(row[name])[np.array(row["settled"])])))
 
 
 def settles_from(found, row) -> float:
-    """The least Λ from which on all runs settle."""
+    """Returns the least Λ from which on all runs settle."""
     restless = np.flatnonzero(~np.array(row["settled"]))
     return (*found["ratios"], np.inf)[restless[-1] + 1 if len(restless) else 0]
 
 
 def verdicts(found) -> dict[str, bool]:
-    """What the paper says of the first figure."""
+    """Compares the first figure with the statements of the paper."""
     rows = found["against Λ"]
     small = len(found["ratios"]) // 2
     return {
@@ -125,7 +125,7 @@ def verdicts(found) -> dict[str, bool]:
 
 
 def spread(rows, area) -> tuple[float, float, float]:
-    """The largest of [μ] over β at one Ca, with β = 0 and without; over Ca at one β. Of what settles."""
+    """Returns the largest range of [μ] over β at one Ca, with β = 0 and without, and over Ca at one β."""
     values = np.array([by_area[area]["viscosity"] for by_area in rows.values()])
     over_beta = [[np.nanmax(row) - np.nanmin(row) for row in part if np.isfinite(row).any()]
                  for part in (values, values[:, 1:])]  # fmt: skip
@@ -135,7 +135,7 @@ def spread(rows, area) -> tuple[float, float, float]:
 
 @styled
 def draw(found) -> Figure:
-    """The three quantities against Λ, where runs settle."""
+    """Draws the three quantities against Λ for runs that settle."""
     figure = Figure(figsize=(run_plots.PAGE, 2.6))
     kinds = (
         ("viscosity", 1.0, r"$[\mu]$"),
@@ -153,7 +153,7 @@ def draw(found) -> Figure:
 
 @styled
 def draw_maps(found) -> Figure:
-    """[μ] against β for every Δ, where runs settle; a panel for each Ca."""
+    """Draws [μ] against β for every Δ, for runs that settle; one panel for each Ca."""
     figure = Figure(figsize=(run_plots.PAGE, 2.8))
     panels = figure.subplots(1, len(found["over β and Δ"]), sharey=True, squeeze=False)[0]
     for ax, (shear, rows) in zip(panels, found["over β and Δ"].items(), strict=True):

@@ -57,7 +57,7 @@ def _filter(cut):
 
 
 def fixed(scene, t_end, variant, steps, stepper=None):
-    """Final x and relative length error; None when the run broke down."""
+    """Returns final x and relative length error; None if the run breaks down."""
     projection, cut = VARIANTS[variant]
     times = t_end * np.arange(1, steps // _AT_ONCE + 1) / (steps // _AT_ONCE)
     method = Fixed(_AT_ONCE, stepper or ARK4(), projection)
@@ -118,7 +118,7 @@ def with_adaptive_steps(scene, t_end, variants, tolerance=1e-4, calls=10):
 
 
 def ended(scene, tolerance, t_end, saves=6, **options):
-    """Status, and the rows until then."""
+    """Returns the status, and the rows until the end."""
     times = t_end * np.arange(1, saves + 1) / saves
     method = Adaptive(tolerance, max_steps=3000)
     state, rows, _ = march(scene, method, times, checks=_ALL, together=saves, **options)
@@ -143,12 +143,12 @@ def errors(scene, t_end, best, without):
 
 
 def bud(N):
-    """Δ = 0.5, β = 16."""
+    """Returns a vesicle with Δ = 0.5 at β = 16."""
     return pop(N, reduced_area=0.5, beta=16.0)
 
 
 def in_necks(sizes, reference=192, t_end=0.18):
-    """{nodes: errors} of a bud with and without finer kernels."""
+    """Returns {nodes: errors} of a bud with and without finer kernels."""
     if not sizes:
         return {}
     _, best = ended(bud(reference), 1e-6, t_end)
@@ -163,7 +163,7 @@ SYMMETRIC = {
 
 
 def of_symmetric(names):
-    """{scene: errors} with and without its symmetry."""
+    """Returns {scene: errors} with and without kept symmetry."""
     found = {}
     for name in names:
         make, t_end, N, reference = SYMMETRIC[name]
@@ -206,7 +206,7 @@ def run(
     edge=(1e-3, 1e-4, 1e-5, 1e-6),
     symmetric=tuple(SYMMETRIC),
 ):
-    """Tables: fixed steps, controlled steps for a POP run and for budding, finer kernels, the edge, symmetries."""
+    """Returns the tables: fixed steps, adaptive steps, finer kernels, weighted modes, symmetries."""
     runs = {"POP": (pop(N), pop_end), "budding": (pop(bud_nodes, reduced_area=0.5, beta=12.8), bud_end)}
     return {
         "fixed": {name: with_fixed_steps(name, variants, N, sizes, reference) for name in scenes},
@@ -219,7 +219,7 @@ def run(
 
 @styled
 def draw(found) -> Figure:
-    """Error in x and in length against the number of steps; a row a scene."""
+    """Draws errors in x and in length against the number of steps, one row per scene."""
     figure = Figure(figsize=(run_plots.PAGE, 2.2 * len(found["fixed"])))
     panels = np.atleast_2d(figure.subplots(len(found["fixed"]), 2))
     for row, (name, variants) in zip(panels, found["fixed"].items(), strict=True):

@@ -49,13 +49,13 @@ _FIELD = {"conductivity_ratio": 0.1, "membrane_conductance": 0.2}
 
 
 def charged(scene: Scene) -> Unknowns:
-    """The nodes of a scene with membranes charged as in a vertical field."""
+    """Returns the unknowns of a scene with membranes charged as in a vertical field."""
     M, N, _ = scene.x.shape
     return Unknowns.of(scene.x, jnp.broadcast_to(0.3 * jnp.sin(fourier.grid(N)), (M, N)))
 
 
 def suspension(M: int, N: int, *, gap=GAP, seed=0) -> Scene:
-    """M ellipses on a square lattice, turned at random, circumscribed circles `gap` apart."""
+    """Returns M randomly rotated ellipses on a square lattice, with circumscribed circles `gap` apart."""
     ellipse = shapes.ellipse(N, 0.9)
     spacing = 2 * float(jnp.max(jnp.abs(ellipse))) + gap
     side = int(np.ceil(np.sqrt(M)))
@@ -66,14 +66,14 @@ def suspension(M: int, N: int, *, gap=GAP, seed=0) -> Scene:
 
 
 def pair(N: int, gap: float) -> Scene:
-    """Two ellipses side by side, across a vertical field."""
+    """Returns two ellipses side by side in a vertical field."""
     ellipse = shapes.ellipse(N, 0.9, angle=jnp.pi / 2)
     reach = 2 * float(jnp.max(ellipse[:, 0])) + gap
     return make_scene([ellipse] * 2, centers=[[0.0, 0.0], [reach, 0.0]], field=dc_field(3.2, vesicles=2, **_FIELD))
 
 
 def step(scene: Scene, y: Unknowns, coupling=None):
-    """One step: the new state, and count, true residual and near pairs of the coupled solves at its start."""
+    """Makes one step; returns the state, and iterations, residual and near pairs of the solves at its start."""
     equation = equation_for(scene, coupling=coupling)
     t = jnp.zeros(())
     frozen = equation.freeze(t, y)
@@ -94,7 +94,7 @@ def _timed(call):
 
 
 def row(M: int, N: int) -> dict:
-    """One step of a suspension without pair matrices, in this process, on all of its devices."""
+    """Makes one step of a suspension without pair matrices, in this process on all of its devices."""
     single, y_single = (lambda scene: (scene, charged(scene)))(suspension(1, N))
     scene = suspension(M, N)
     y = charged(scene)
@@ -131,7 +131,7 @@ def row(M: int, N: int) -> dict:
 
 
 def row_in_a_process(M: int, N: int, devices=1) -> dict:
-    """`row`, in a process of its own with so many devices: each of them a thread."""
+    """Runs `row` in its own process with so many devices; each device is a thread."""
     command = [sys.executable, "-m", "experiments.scale", "--row", str(M), "--nodes", str(N)]
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
     environment = os.environ | {"XLA_FLAGS": flags}
@@ -140,7 +140,7 @@ def row_in_a_process(M: int, N: int, devices=1) -> dict:
 
 
 def couplings(sizes, N: int, repeats: int) -> dict[int, dict[str, float]]:
-    """Seconds of one F of a suspension, by size and by how membranes are coupled."""
+    """Returns the seconds of one F of a suspension, by size and method."""
     ways = {"direct": Pairwise(direct=True), "pair matrices": Pairwise(direct=False), "sums": MatrixFree()}
 
     @eqx.filter_jit
@@ -156,7 +156,7 @@ def couplings(sizes, N: int, repeats: int) -> dict[int, dict[str, float]]:
 
 
 def pairs(N: int, repeats: int, lanes=4) -> dict[str, float]:
-    """Seconds of a step of one vesicle and of pairs, and of `lanes` far pairs side by side, each."""
+    """Returns the seconds of a step for one vesicle, for pairs, and for `lanes` far pairs under `vmap`, per pair."""
     settings = {"single": suspension(1, N), "far pair": pair(N, 2.0), "near pair": pair(N, GAP)}
     calls = {name: (lambda s=s: _step(s, charged(s), None)) for name, s in settings.items()}
     far, near = settings["far pair"], settings["near pair"]
@@ -176,7 +176,7 @@ def pairs(N: int, repeats: int, lanes=4) -> dict[str, float]:
 
 
 def run(sizes=SIZES, few=(2, 3, 4, 8, 16, 32), N=64, repeats=21) -> dict:
-    """Rows by size, what a pair costs, and the ways to couple a few."""
+    """Returns rows by size, the cost of a pair, and the methods for a few vesicles."""
     return {
         "rows": [row_in_a_process(M, N) for M in sizes],
         "on two devices": row_in_a_process(max(sizes), N, devices=2),
@@ -187,7 +187,7 @@ def run(sizes=SIZES, few=(2, 3, 4, 8, 16, 32), N=64, repeats=21) -> dict:
 
 @styled
 def draw(found) -> Figure:
-    """Time, iterations and memory against the number of vesicles."""
+    """Draws time, iterations and memory against the number of vesicles."""
     figure = Figure(figsize=(run_plots.PAGE, 2.3))
     panels = figure.subplots(1, 3)
     rows = found["rows"]

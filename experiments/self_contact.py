@@ -33,14 +33,14 @@ QUICK = dict(sizes=(64,), widths=(1.0, 0.1), fine=1024)
 
 
 def dumbbell(N, width):
-    """Two bulbs, joined by a neck along x of this width."""
+    """Returns two bulbs, joined by a neck along x of this width."""
     alpha = fourier.grid(N)
     return jnp.stack([1.5 * jnp.cos(alpha), jnp.sin(alpha) * (width / 2 + 0.8 * jnp.cos(alpha) ** 2)], axis=-1)
 
 
 @functools.partial(jax.jit, static_argnames="corrected")
 def potentials(x, *, corrected):
-    """The three potentials of e^{sin α}, and of (e^{sin α}, cos 2α) as a force."""
+    """Returns the three potentials of e^{sin α}, and of (e^{sin α}, cos 2α) as a force."""
     curve = Curve.from_nodes(x)
     if corrected:
         kernels = jax.tree.map(lambda leaf: leaf[0], self_kernels(x[None], electric=True)[1])
@@ -54,7 +54,7 @@ def potentials(x, *, corrected):
 
 
 def run(sizes=(64, 128), widths=WIDTHS, fine=2048):
-    """A row for each N and width: spacings across the neck, refinement, relative errors with and without it."""
+    """Returns a row for each N and width: spacings across the neck, refinement, errors with and without it."""
     rows = []
     for width in widths:
         exact = potentials(dumbbell(fine, width), corrected=False)
@@ -76,7 +76,7 @@ def run(sizes=(64, 128), widths=WIDTHS, fine=2048):
 
 @styled
 def draw(rows) -> Figure:
-    """The shapes, and the errors against the width of the neck for each number of nodes."""
+    """Draws the shapes, and the errors against the width of the neck for each number of nodes."""
     sizes = sorted({row["N"] for row in rows})
     figure = Figure(figsize=(run_plots.PAGE, 2.5))
     panels = figure.subplots(1, 1 + len(sizes))

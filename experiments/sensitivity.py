@@ -60,7 +60,7 @@ QUICK = dict(along={"field.beta": np.linspace(5.6, 7.2, 3)}, N=32, t_end=0.5, sc
 
 
 def treading(N):
-    """The paper's vesicle in shear and field."""
+    """Returns the paper's vesicle in shear and field."""
     field = {"beta": 6.4, "conductivity_ratio": 0.1, "membrane_conductance": 4.0}
     vesicle = {"reduced_area": 0.9, "angle": 10.0}
     return parse({"t_end": 1.0, "vesicle": [vesicle], "field": field, **SHEAR, "numerics": {"nodes": N}})
@@ -119,7 +119,7 @@ def spline_slopes(rows, name):
 
 
 def checked(tables, N=32, t_end=0.01, steps=10):
-    """The worst deviations over all numbers and diagnostics of a scene."""
+    """Returns the largest deviations over all numbers and diagnostics of a scene."""
     jax.clear_caches()  # the programs of all scenes together take more pieces of memory than Linux grants
     file = parse({"t_end": 1.0, "numerics": {"nodes": N}, **tables})
     rows = list(gradcheck.check_gradients(file, t_end, steps))
@@ -155,7 +155,7 @@ def run(along=ALONG, N=64, t_end=1.5, scenes=SCENES):
 
 
 def cost(outcomes, values, repeats=3):
-    """Seconds of one tangent, interleaved, and the derivative in β that it gives."""
+    """Returns the seconds of one tangent, measured in turns, and its derivative in β."""
     seconds = {name: [] for name in outcomes}
     slopes = {}
     tangent = {name: np.float64(name == "field.beta") for name in values}
@@ -171,7 +171,7 @@ def cost(outcomes, values, repeats=3):
 
 @styled
 def draw(found) -> Figure:
-    """[μ] along each number, and its derivative with the slope of the curve."""
+    """Draws [μ] along each number, and its derivative with the slope of the curve."""
     figure = Figure(figsize=(run_plots.PAGE, 3.6))
     axes = figure.subplots(2, len(found["curves"]), sharex="col", squeeze=False)
     for column, (name, rows) in zip(axes.T, found["curves"].items(), strict=True):

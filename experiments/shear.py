@@ -41,9 +41,10 @@ def steady(reduced_area, N, tolerance, capillary_number=10.0, t_end=4.0):
 
 
 def limits(table):
-    """Values at Δ = 1 of the polynomials through the nearly round vesicles: [μ] in 1 - Δ, inclination in √(1 - Δ).
+    """Returns values at Δ = 1 of polynomials through the nearly round vesicles.
 
-    Also those of one degree less through all but the roundest, as a measure of what they are worth.
+    [μ] is a polynomial in 1 - Δ, the inclination in √(1 - Δ). Polynomials of one degree less through all but the
+    roundest give an error estimate.
     """
     out = {}
     for name, power in (("viscosity", 1.0), ("inclination", 0.5)):
@@ -62,7 +63,7 @@ def run(
     tolerance=1e-7,
     t_end=4.0,
 ):
-    """Steady values by Δ and (nodes, tolerance); those towards a circle; their limits."""
+    """Returns steady values by Δ and (nodes, tolerance), those towards a circle, and their limits."""
     table = {
         area: {f"N = {n}, tolerance {tol:.0e}": steady(area, n, tol, t_end=t_end) for n, tol in cases} for area in areas
     }
@@ -72,7 +73,7 @@ def run(
 
 @styled
 def draw(found) -> Figure:
-    """Inclination and [μ] in the variables in which they are smooth."""
+    """Draws inclination and [μ] in the variables in which they are smooth."""
     points = {area: list(rows.values())[-1] for area, rows in found["steady"].items()} | found["nearly round"]
     figure = Figure(figsize=(run_plots.PAGE, 2.5))
     left, right = figure.subplots(1, 2)

@@ -70,7 +70,7 @@ KINDS = ("treading", "mirrored treading", "staggering", "mirrored staggering", "
 
 
 def scene(n: Numbers, N: int) -> Scene:
-    """The vesicle at the start, uncharged."""
+    """Returns the vesicle at the start, uncharged."""
     x = shapes.ellipse(N, n.area, angle=jnp.deg2rad(n.start))
     return make_scene(x, field=dc_field(n.beta, conductivity_ratio=n.ratio), flow=Shear(n.shear))
 
@@ -86,7 +86,7 @@ def _simulated(numbers, N, tolerance, t_end, saves):
 
 
 def history(n: Numbers, N=64, tolerance=1e-4, t_end=24.0, saves=800) -> dict:
-    """Inclination (degrees, unwrapped), treading speed and [μ] against time."""
+    """Returns inclination (degrees, unwrapped), treading speed and [μ] against time."""
     rows, x, code = _simulated(tuple(map(jnp.asarray, n)), N, jnp.asarray(tolerance), jnp.asarray(t_end), saves)
     known = ~np.isnan(rows["t"])
     out = {name: np.asarray(row)[known] for name, row in rows.items()}
@@ -95,7 +95,7 @@ def history(n: Numbers, N=64, tolerance=1e-4, t_end=24.0, saves=800) -> dict:
 
 
 def maxima(t, values):
-    """Times and heights of the local maxima, by parabolas through three saves."""
+    """Returns times and heights of the local maxima, by parabolas through three saves."""
     inside = np.flatnonzero((values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:])) + 1
     fits = [(i, np.polyfit(t[i - 1 : i + 2] - t[i], values[i - 1 : i + 2], 2)) for i in inside]
     times = [t[i] - b / (2 * a) for i, (a, b, _) in fits]
@@ -103,7 +103,7 @@ def maxima(t, values):
 
 
 def measured(rows, after=0.5) -> dict[str, float]:
-    """Numbers of the motion over the part of the run after the fraction `after` of it."""
+    """Returns numbers of the motion after the fraction `after` of the run."""
     late = rows["t"] > after * rows["t"][-1]
     t, angle, speed = (rows[name][late] for name in ("t", "inclination", "speed"))
     times, heights = maxima(t, angle)
@@ -123,7 +123,7 @@ def measured(rows, after=0.5) -> dict[str, float]:
 
 
 def kind(rows, ripple=2.0) -> str:
-    """Which of `KINDS`, from the last third of a run: 180° make a tumble, `ripple`° a stagger."""
+    """Returns one of `KINDS`, from the last third of a run: 180° make a tumble, `ripple`° a stagger."""
     if rows["status"] != "complete":
         return "stopped"
     m = measured(rows, 2 / 3)
@@ -137,7 +137,7 @@ def kind(rows, ripple=2.0) -> str:
 
 
 def scanned(betas, ratios, shears, t_end, area=0.8, N=48, tolerance=1e-3, saves=400) -> list[tuple]:
-    """(β, Λ, Ca, kind) of every case."""
+    """Returns (β, Λ, Ca, kind) of every case."""
     cases = itertools.product(betas, ratios, shears)
     return [
         (*case, kind(history(Numbers(case[0], case[1], area, case[2]), N, tolerance, t_end, saves))) for case in cases
@@ -172,10 +172,10 @@ def _stretches(equation: Equation, march: Fixed, state, tangent: Unknowns, inter
 
 
 def lyapunov(n: Numbers, N=48, steps=20, interval=0.1, intervals=240, together=20, skipped=0.25) -> dict:
-    """The largest Lyapunov exponent and its error, by the tangent of the discrete flow.
+    """Returns the largest Lyapunov exponent and its error, by tangents of the discrete flow.
 
-    Tangents of steps of a fixed size know nothing of a tolerance; the first quarter, in which the disturbance finds
-    its direction, does not count. The error is that of the mean of ten consecutive stretches.
+    Steps of a fixed size are used, so that no tolerance enters. The first quarter, in which the disturbance finds its
+    direction, is left out. The error is that of the mean of ten consecutive intervals.
     """
     equation = eqx.filter_jit(equation_for)(scene(n, N))
     march = Fixed(steps)
@@ -223,7 +223,7 @@ def run(
 
 @styled
 def draw(found) -> Figure:
-    """Inclination against time, and for the chaotic one the return map and the growth of a disturbance."""
+    """Draws inclination against time and, for the chaotic case, the return map and the growth of a disturbance."""
     figure = Figure(figsize=(run_plots.PAGE, 3.6))
     panels = figure.subplots(2, 3)
     places = dict(zip(REGIMES, (panels[0, 0], panels[0, 1], panels[0, 2], panels[1, 0]), strict=True))
@@ -256,7 +256,7 @@ _MARKS = dict(zip(KINDS, zip("o^sD*Px", [*_COLOURS, "0.5"], strict=True), strict
 
 @styled
 def draw_map(found) -> Figure:
-    """Kinds of motion over (Λ, Ca), one panel for each β."""
+    """Draws kinds of motion over (Λ, Ca), one panel for each β."""
     betas = sorted({case[0] for case in found["map"]})
     figure = Figure(figsize=(run_plots.PAGE, 2.3))
     panels = figure.subplots(1, len(betas), sharey=True, squeeze=False)[0]

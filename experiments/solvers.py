@@ -35,7 +35,7 @@ _CUT = 1  # σ loses its Nyquist mode
 
 
 def peanut(N, depth=0.8):
-    """Radius 1 + `depth` cos 2θ, scaled: two bodies and a neck."""
+    """Returns a curve with radius 1 + `depth` cos 2θ, scaled: two bodies and a neck."""
     theta = fourier.grid(1024)
     radius = 1 + depth * jnp.cos(2 * theta)
     nodes = jnp.stack([radius * jnp.cos(theta), radius * jnp.sin(theta)], axis=-1)
@@ -50,12 +50,12 @@ SHAPES = {
 
 
 def surfaces_of(x):
-    """Kernels of one membrane, without the axis of vesicles."""
+    """Returns the kernels of one membrane, without the axis of vesicles."""
     return jax.tree.map(lambda leaf: leaf[0], Surfaces.of(x[None], electric=True))
 
 
 def charge_operator(surfaces, *, dense: bool) -> LinearOperator:
-    """½ + η S' and the mean, as matrix or action."""
+    """Returns ½ + η S' with the mean, as matrix or action."""
     speed = surfaces.curves.speed
     N = speed.shape[0]
     mean = 1 / jnp.sum(speed)
@@ -101,14 +101,14 @@ OPERATORS = {
 
 
 def right_hand_sides(surfaces):
-    """What a vertical field and its force would ask for, roughly: smooth, of no symmetry."""
+    """Returns smooth right-hand sides without symmetry, similar to those of a vertical field."""
     alpha = fourier.grid(surfaces.curves.speed.shape[0])
     charge = surfaces.curves.normal @ jnp.array([0.3, 1.0])
     return {"charge": charge, "tension": charge * jnp.exp(jnp.sin(2 * alpha + 0.4))}
 
 
 def iterations(operator, b) -> int:
-    """How many applications GMRES needs to TOLERANCE, without restarts (SciPy's)."""
+    """Returns how many applications GMRES needs to TOLERANCE, without restarts (SciPy's)."""
     N = len(b)
     mv = jax.jit(operator.mv)
     residuals = []
@@ -120,14 +120,14 @@ def iterations(operator, b) -> int:
 
 
 def counts(shape, N):
-    """{system: applications}."""
+    """Returns {system: applications}."""
     surfaces = jax.jit(surfaces_of)(SHAPES[shape](N))
     b = right_hand_sides(surfaces)
     return {name: iterations(make(surfaces), b[name.split(",")[0]]) for name, make in OPERATORS.items()}
 
 
 def timings(shape, N, repeats):
-    """{how: (seconds, true residual)} of forming, factoring and solving once."""
+    """Returns {method: (seconds, true residual)} of forming, factorising and solving once."""
     surfaces = jax.jit(surfaces_of)(SHAPES[shape](N))
     b = right_hand_sides(surfaces)
     cases = {
@@ -150,7 +150,7 @@ def timings(shape, N, repeats):
 
 
 def run(sizes=(64, 128, 256, 512), shapes=tuple(SHAPES), timed="peanut", repeats=61):
-    """Counts by shape and size, times and residuals by size."""
+    """Returns counts by shape and size, times and residuals by size."""
     return {
         "counts": {shape: {N: counts(shape, N) for N in sizes} for shape in shapes},
         "timings": {N: timings(timed, N, repeats) for N in sizes},
@@ -162,7 +162,7 @@ _COUNTED = ("-", "-", ":")
 
 @styled
 def draw(found) -> Figure:
-    """Time of each way against N, and the counts."""
+    """Draws the time of each method against N, and the counts."""
     figure = Figure(figsize=(run_plots.PAGE, 2.6))
     left, right = figure.subplots(1, 2)
     sizes = list(found["timings"])

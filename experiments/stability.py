@@ -42,7 +42,7 @@ _BOUND = 3000  # steps: a run that needs more says so
 
 
 class Cell(NamedTuple):
-    """A vesicle in a field (β = 0: a field that does nothing) and perhaps in shear; `gap`: two, so far apart."""
+    """A vesicle in a field (β = 0: a field without effect) and, with Ca, in shear; with `gap`, two at this distance."""
 
     reduced_area: float = 0.9
     conductivity_ratio: float = 0.1
@@ -54,7 +54,7 @@ class Cell(NamedTuple):
     gap: float | None = None
 
     def scene(self, N: int) -> Scene:
-        """With N nodes; along the field, or at 20 degrees in shear; pairs one above the other or side by side."""
+        """Returns the scene with N nodes: along the field, or at 20 degrees in shear; pairs in line or side by side."""
         angle = jnp.pi / 2 if self.Ca is None else jnp.deg2rad(20.0)
         x = shapes.circle(N) if self.reduced_area == 1 else shapes.ellipse(N, self.reduced_area, angle=angle)
         flow = None if self.Ca is None else Shear(self.Ca)
@@ -66,18 +66,18 @@ class Cell(NamedTuple):
         return make_scene([x, x], centers=[[0.0, half], [0.0, -half]], field=field, flow=flow)
 
     def t_end(self) -> float:
-        """min(1, 20/Ca, 50 χ/β)."""
+        """Returns min(1, 20/Ca, 50 χ/β)."""
         limits = [1.0, 20 / self.Ca if self.Ca else 1.0, 50 * self.chi / self.beta if self.beta else 1.0]
         return min(limits)
 
     def label(self) -> str:
-        """What differs from a single vesicle with Δ = 0.9, Λ = 0.1, G = 0, χ = 0.08, β = 3.2 and 64 nodes."""
+        """Returns what differs from one vesicle with Δ = 0.9, Λ = 0.1, G = 0, χ = 0.08, β = 3.2 and 64 nodes."""
         symbols = ("Δ", "Λ", "G", "χ", "β", "Ca", "N", "gap")
         parts = zip(symbols, self, Cell(), strict=True)
         return " ".join(f"{symbol}={value:g}" for symbol, value, usual in parts if value != usual) or "usual"
 
     def finer(self) -> int:
-        """Nodes of the run that checks it."""
+        """Returns the number of nodes of the second run."""
         return {32: 64, 64: 96, 128: 192, 256: 192, 512: 640}[self.N]
 
 
@@ -221,7 +221,7 @@ _COLORS = {"right": "#b7e1c0", "stopped": "#fbdc9c", "wrong": "#f2a3a3"}
 
 @styled
 def draw(found, columns=7) -> Figure:
-    """A tile a scene: what is unusual about it, and the error or the word it stopped with."""
+    """Draws a tile for each scene, with its unusual numbers and the error or the status."""
     groups = {group: cells for group, cells in found.items() if group != "largest step"}
     rows = sum(-(-len(cells) // columns) for cells in groups.values())
     figure = Figure(figsize=(run_plots.PAGE, 0.42 * rows + 0.22 * len(groups) + 0.1))
@@ -246,7 +246,7 @@ def draw(found, columns=7) -> Figure:
 
 
 def report(found) -> None:
-    """Prints what `run` found."""
+    """Prints the results of `run`."""
     counts = {}
     for group, cells in found.items():
         if group == "largest step":

@@ -40,7 +40,7 @@ QUICK = dict(cases=4, nodes=32, t_end=0.02, repeats=1, commands=0, batches=(2,),
 
 
 def setting(nodes, t_end, cases):
-    """The sweep and its values."""
+    """Returns the sweep and its values."""
     scene = scene_files.read_scene("pop").model_copy(update={"t_end": t_end, "saves": 20})
     scene = problem.with_nodes(scene, nodes)
     values = np.random.default_rng(0).uniform([1.0, 0.0], [6.0, 1.0], size=(cases, 2))
@@ -49,13 +49,13 @@ def setting(nodes, t_end, cases):
 
 
 def simulated(scene_file, row) -> marching.Result:
-    """One case, as a function of its values."""
+    """Runs one case, as a function of its values."""
     scene = scene_of(scene_file, dict(zip(NAMES, row, strict=True)))
     return marching.simulate(scene, scene_file.t_end, saves=scene_file.saves, march=Case(scene_file).march())
 
 
 def one_by_one(sweep_file, values):
-    """A call that simulates every case by itself."""
+    """Returns a call that simulates one case after the other."""
 
     @jax.jit
     def alone(row):
@@ -66,20 +66,20 @@ def one_by_one(sweep_file, values):
 
 
 def gradients(sweep_file, values, over=jax.vmap):
-    """A call for the gradients of the final deformation with respect to the values, (cases, 2), reverse mode."""
+    """Returns a call for the gradients of the final deformation in the values, (cases, 2), in reverse mode."""
     slope = jax.grad(lambda row: simulated(sweep_file.scene, row).diagnostics["deformation"][-1, 0])
     compiled = jax.jit(over(slope))
     return lambda: np.asarray(compiled(jnp.asarray(values)))
 
 
 def in_batches(sweep_file, values, devices, method, batch):
-    """A call that takes them through the program of a sweep."""
+    """Returns a call that computes the cases with the program of a sweep."""
     work = Batches(sweep_file, NAMES, jax.local_devices()[:devices], method, batch)
     return lambda: list(work.outcomes(sweep_file.max_steps[0], values))
 
 
 def by_commands(sweep_file, values) -> float:
-    """Seconds of one `jaxves run` for each case, compiled programs kept between them; the first is not counted."""
+    """Returns the seconds of one `jaxves run` per case, with a compilation cache; the first is not counted."""
     seconds = []
     with tempfile.TemporaryDirectory() as folder:
         for i, row in enumerate([values[0], *values]):
@@ -95,7 +95,7 @@ def by_commands(sweep_file, values) -> float:
 
 
 def run(cases=64, nodes=64, t_end=1.0, repeats=3, commands=3, batches=(1, 4, 16), devices=(1, 2), method="map"):
-    """Seconds for a case, by way; how much faster than others."""
+    """Returns the seconds per case for each method, and ratios between them."""
     sweep_file, values = setting(nodes, t_end, cases)
     calls = {"one by one": one_by_one(sweep_file, values)}
     for count in devices:
@@ -124,13 +124,13 @@ def run(cases=64, nodes=64, t_end=1.0, repeats=3, commands=3, batches=(1, 4, 16)
 
 
 def outcomes_of(call) -> dict[str, np.ndarray]:
-    """Arrays of what became of all cases."""
+    """Returns the arrays of results of all cases."""
     parts = [part for _, part in call()]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def warm(call):
-    """What it returns, and the seconds that it takes when it has been compiled."""
+    """Returns the result of a call, and its seconds after compilation."""
     found = call()
     start = time.perf_counter()
     call()
@@ -149,7 +149,7 @@ def on_host(path, cases, nodes, t_end, differentiated) -> None:
 
 
 def by_host(*sizes) -> dict[str, np.ndarray]:
-    """`on_host`, in a process that sees no GPU."""
+    """Runs `on_host` in a process that sees no GPU."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "host.npz"
         command = [sys.executable, "-m", "experiments.sweep_throughput", "--host", path, *sizes]

@@ -41,7 +41,7 @@ QUICK = dict(sizes=(32,), repeats=3, N=32, t_end=0.01, present=("flow",))
 
 
 def keep_freed_memory():
-    """Tells glibc to keep what is freed instead of giving it back at once; to be called before JAX allocates."""
+    """Tells glibc to keep freed memory instead of returning it; call it before JAX allocates."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
         top_pad, mmap_threshold = -2, -3  # of malloc.h
         libc.mallopt(top_pad, 2**26)
@@ -53,28 +53,28 @@ def rate(equation, y):
 
 
 def step(equation, y, h, stepper=ARK4()):  # noqa: B008, a stepper has no state
-    """One step as a run takes it: freeze, stages, filter and projection."""
+    """Makes one step as in a run: freeze, stages, filter and projection."""
     t = jnp.zeros(())
     frozen = equation.freeze(t, y)
     return equation.project(stepper.step(equation, frozen, t, y, h).y, frozen.constraint)
 
 
 def compiled(function, *arguments):
-    """The compiled function as a call without arguments, and the seconds that tracing and compiling it took."""
+    """Returns the compiled function as a call without arguments, and the seconds for tracing and compiling."""
     start = time.perf_counter()
     program = jax.jit(function).lower(*arguments).compile()
     return lambda: program(*arguments), time.perf_counter() - start
 
 
 def linear_solve(N):
-    """SciPy's LU factorisation and solution of 3N equations."""
+    """Solves 3N equations by SciPy's LU factorisation."""
     random = np.random.default_rng(0)
     matrix, b = random.normal(size=(3 * N, 3 * N)), random.normal(size=3 * N)
     return lambda: scipy.linalg.lu_solve(scipy.linalg.lu_factor(matrix, check_finite=False), b, check_finite=False)
 
 
 def calls_of(setting):
-    """{what: call} and {what: seconds to compile}."""
+    """Returns {name: call} and {name: seconds to compile}."""
     equation = equation_for(setting)
     y = jax.jit(lambda equation: equation.start())(equation)
     cases = {"rate": (rate, equation, y), "step": (step, equation, y, jnp.asarray(1e-3))}
@@ -95,7 +95,7 @@ def by_size(sizes, repeats):
 
 
 def by_what_is_present(N, repeats, present):
-    """Seconds of a step for each combination."""
+    """Returns the seconds of a step for each combination of field and flow."""
     calls = {}
     for name in present:
         field, flow = PRESENT[name]
@@ -109,7 +109,7 @@ def by_what_is_present(N, repeats, present):
 
 
 def whole_run(N, t_end=1.0, tolerance=1e-4, saves=20):
-    """Seconds of a run with compiled programs at hand, and its numbers of steps."""
+    """Returns the seconds of a compiled run, and its numbers of steps."""
     setting, times = pop(N), t_end * np.arange(1, saves + 1) / saves
 
     def once():
@@ -125,7 +125,7 @@ def whole_run(N, t_end=1.0, tolerance=1e-4, saves=20):
 
 
 def run(sizes=(64, 128, 256), repeats=101, N=64, t_end=1.0, present=tuple(PRESENT)):
-    """Seconds by size, by what is present, and of a whole run."""
+    """Returns the seconds by size, by combination of field and flow, and of a whole run."""
     return {
         "by size": by_size(sizes, repeats),
         "by what is present": by_what_is_present(N, repeats, present),
@@ -135,7 +135,7 @@ def run(sizes=(64, 128, 256), repeats=101, N=64, t_end=1.0, present=tuple(PRESEN
 
 @styled
 def draw(found) -> Figure:
-    """Cost in LU units by size, and the step time of the four combinations."""
+    """Draws the cost in LU units by size, and the step time of the four combinations."""
     figure = Figure(figsize=(run_plots.PAGE, 2.4))
     left, middle, right = figure.subplots(1, 3)
     sizes = list(found["by size"])
