@@ -19,17 +19,17 @@ class Number:
     Attributes:
         table: the table of the scene file, such as "field".
         key: its key in that table.
-        bounds: which values it may have.
-        meaning: what it is, in a few words.
-        letter: the letter of the literature, or "" if it has none.
-        symbol: what plots call it: a letter in TeX, or a word.
+        bounds: the allowed values.
+        meaning: its meaning, in a few words.
+        letter: its letter in the literature, or "" if it has none.
+        symbol: its symbol in plots: a letter in TeX, or a word.
         unit: "" for a pure number, "degrees", or a scale: "a" for lengths and "t_κ" or "1/t_κ" for times and rates.
         default: the value where the key is absent. None means that the key must be given, or that it may be absent.
         example: the value in the commented scene file; the default if None.
-        note: what the commented scene file says besides the meaning.
-        in_laboratory_units: the formula from quantities in SI, where the meaning does not give it.
-        per_vesicle: for a number of [field] that a vesicle may have of its own, the array of `Field` that holds it.
-        size: what differences of a gradient check take for the size of the number where its value is smaller.
+        note: a further comment in the commented scene file.
+        in_laboratory_units: the formula from quantities in SI units, if the meaning does not give it.
+        per_vesicle: the name of the array of `Field`, for a number of [field] that may differ between vesicles.
+        size: the scale of the number in gradient checks, if its value is smaller.
     """
 
     table: str
@@ -48,7 +48,7 @@ class Number:
 
     @property
     def name(self) -> str:
-        """The number in sweeps, fits and sensitivities: "field.beta"."""
+        """The name of the number in sweeps, fits and sensitivities, such as "field.beta"."""
         return f"{self.table}.{self.key}"
 
     @property
@@ -57,11 +57,11 @@ class Number:
         return self.bounds.ge
 
     def description(self) -> str:
-        """Letter and meaning, such as "β, field strength"."""
+        """Returns letter and meaning, such as "β, field strength"."""
         return f"{self.letter}, {self.meaning}" if self.letter else self.meaning
 
     def label(self) -> str:
-        """Symbol and unit for the axis of a plot."""
+        """Returns symbol and unit for the axis of a plot."""
         units = {"": "", "a": " ($a$)", "degrees": " (degrees)", "t_κ": r" ($t_\kappa$)", "1/t_κ": r" ($1/t_\kappa$)"}
         return self.symbol + units[self.unit]
 
@@ -135,9 +135,9 @@ PER_VESICLE = tuple(number for number in NUMBERS if number.per_vesicle is not No
 
 
 def declared(name: str) -> Number | None:
-    """The declaration of a number of a scene by its name; None for an entry of a vector or of a list.
+    """Returns the declaration of a number by its name, or None for an entry of a vector or of a list.
 
-    A number of [field] that a vesicle has of its own, such as "vesicle[1].chi", has the declaration of the field's.
+    A number of [field] that is given for a vesicle, such as "vesicle[1].chi", has the declaration of [field].
     """
     table, _, key = re.sub(r"^vesicle\[\d+\]", "vesicle", name).rpartition(".")
     for number in NUMBERS:

@@ -46,7 +46,7 @@ class Shifted(eqx.Module):
         return cls(blocks, lax.cond(near, lambda: linear.Dense().factor(shifted), lambda: trivial), near)
 
     def solve(self, b: Float[Array, "M n"]) -> Float[Array, "M n"]:
-        """(1 - c A)⁻¹ b."""
+        """Returns (1 - c A)⁻¹ b."""
         if self.whole is None:
             return linear.solve_blocks(self.blocks, b)
         return lax.cond(
@@ -67,7 +67,7 @@ class Implicit(eqx.Module):
     below: Callable[[VesiclePoints], dict[str, VesicleNodes]] | None
 
     def solve(self, r: Unknowns) -> Unknowns:
-        """(1 - c A)⁻¹ r."""
+        """Returns (1 - c A)⁻¹ r."""
         M, N, _ = r.x.shape
         x = self.x.solve(jnp.swapaxes(r.x, 1, 2).reshape(M, 2 * N))
         x = jnp.swapaxes(x.reshape(M, 2, N), 1, 2)
