@@ -26,6 +26,7 @@ from jaxves.base import status
 from jaxves.equation.equation import Equation, equation_for
 from jaxves.geometry import shapes
 from jaxves.observables.checks import Checks
+from jaxves.observables.rows import Row
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.plots import run_plots
@@ -54,6 +55,12 @@ def treading(N: int) -> Scene:
     return make_scene(shapes.ellipse(N, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
 
 
+def by_name(rows: Row) -> dict[str, np.ndarray]:
+    """The arrays of rows by name: t, x, tension, V_m where there is a field, and all diagnostics."""
+    found = {"t": rows.t, "x": rows.x, "tension": rows.tension, "V_m": rows.V_m} | rows.diagnostics
+    return {name: np.asarray(value) for name, value in found.items() if value is not None}
+
+
 def march(
     setting: Scene,
     method: AbstractMarch,
@@ -76,7 +83,7 @@ def march(
     for i in range(0, len(times), together):
         part = times[i : i + together]
         state, row = _advance(equation, method, state, part, stops_of(setting, times[-1]), checks or Checks())
-        rows.append(row)
+        rows.append(by_name(row))
         saved = jax.tree.map(lambda *parts: np.concatenate(parts), *rows)
         if int(state.status) != status.RUNNING or (until is not None and until(saved)):
             break

@@ -107,7 +107,7 @@ def history(
 
     def settled(rows):
         angle, separation = _line(rows)
-        gap = rows["diagnostics/min_gap"]
+        gap = rows["min_gap"]
         tilt = (angle[-together:] - np.rad2deg(FIELD) + 90) % 180 - 90
         known = {"t": rows["t"], "angle": angle, "separation": separation, "min_gap": gap}
         at_rest = np.all(np.abs(tilt) < 3) or classified(known) == "slanted"
@@ -120,7 +120,7 @@ def history(
     known = ~np.isnan(rows["t"])
     rows = {name: value[known] for name, value in rows.items()}
     angle, separation = _line(rows)
-    dipole = rows["diagnostics/dipole"]
+    dipole = rows["dipole"]
     code = int(state.status)
     ended = code == status.RUNNING and len(rows["t"]) < saves
     return {
@@ -130,11 +130,11 @@ def history(
         "separation": separation,
         "dipole_angle": np.rad2deg(np.arctan2(dipole[..., 1], dipole[..., 0])),
         **{name: rows[name] for name in ("t", "x", "V_m", "tension")},
-        **{name: rows[f"diagnostics/{name}"] for name in _KEPT},
+        **{name: rows[name] for name in _KEPT},
     }
 
 
 def _line(rows) -> tuple[np.ndarray, np.ndarray]:
     """Returns the angle of the line of centres in degrees, continuous in time, and its length."""
-    line = rows["diagnostics/center"][:, 0] - rows["diagnostics/center"][:, 1]
+    line = rows["center"][:, 0] - rows["center"][:, 1]
     return np.rad2deg(np.unwrap(np.arctan2(line[:, 1], line[:, 0]))), np.hypot(*line.T)

@@ -63,12 +63,12 @@ def run(betas=tuple(NECK), N=128, finer=192, tolerance=1e-5, t_end=1.0, saves=10
             "steps": int(state.steps),
             "rejected": int(state.rejected),
             "t": rows["t"],
-            "deformation": rows["diagnostics/deformation_along_field"][:, 0],
-            "neck": rows["diagnostics/self_gap"][:, 0],
+            "deformation": rows["deformation_along_field"][:, 0],
+            "neck": rows["self_gap"][:, 0],
             "error": apart(rows, check),
             "asymmetry": np.max([distances(other, mirrored(other, k))["shape"] for k in (0, 1)], axis=0),
-            "area": np.abs(rows["diagnostics/area"][:, 0] / float(equation.area[0]) - 1),
-            "length": np.abs(rows["diagnostics/length"][:, 0] / (2 * np.pi * float(equation.speed[0])) - 1),
+            "area": np.abs(rows["area"][:, 0] / float(equation.area[0]) - 1),
+            "length": np.abs(rows["length"][:, 0] / (2 * np.pi * float(equation.speed[0])) - 1),
         }
     return found
 

@@ -31,21 +31,21 @@ def measured(rows, equation, settled):
     """Returns the largest changes after `settled`, and the largest errors of conserved quantities at any time."""
 
     def spread(name):
-        values = rows[f"diagnostics/{name}"][rows["t"] >= settled]
+        values = rows[name][rows["t"] >= settled]
         return float(np.max(np.ptp(values, axis=0))) if len(values) else np.nan
 
     rows = {key: row[~np.isnan(rows["t"])] for key, row in rows.items()}
-    area = rows["diagnostics/area"] / np.asarray(equation.area) - 1
-    length = rows["diagnostics/length"] / (2 * np.pi * np.asarray(equation.speed)) - 1
+    area = rows["area"] / np.asarray(equation.area) - 1
+    length = rows["length"] / (2 * np.pi * np.asarray(equation.speed)) - 1
     return {
         "inclination": spread("inclination"),
         "viscosity": spread("effective_viscosity"),
         "speed": spread("tank_treading_speed"),
         "center": spread("center"),
-        "spacing": float(np.max(rows["diagnostics/metric_error"])),
+        "spacing": float(np.max(rows["metric_error"])),
         "area": float(np.max(np.abs(area))),
         "length": float(np.max(np.abs(length))),
-        "tail": float(np.max(rows["diagnostics/spectral_tail"])),
+        "tail": float(np.max(rows["spectral_tail"])),
     }
 
 
@@ -61,7 +61,7 @@ def run(
     found = {}
     for name, method in methods.items():
         state, rows, equation = march(scene, method, times, together=saves)
-        speed = rows["diagnostics/tank_treading_speed"]
+        speed = rows["tank_treading_speed"]
         found[name] = {
             "status": status.WORDS[max(int(state.status), status.COMPLETE)],
             "t": float(state.t),

@@ -41,8 +41,8 @@ def solution(scene, t_end, stepper, projection, steps):
     times = t_end * np.arange(1, steps // _AT_ONCE + 1) / (steps // _AT_ONCE)
     _, rows, equation = march(scene, Fixed(_AT_ONCE, stepper, projection), times, checks=_ALL)
     last = {part: rows[part][-1] for part in PARTS}
-    last["area"] = rows["diagnostics/area"][-1] / np.asarray(equation.area) - 1
-    last["length"] = rows["diagnostics/length"][-1] / (2 * np.pi * np.asarray(equation.speed)) - 1
+    last["area"] = rows["area"][-1] / np.asarray(equation.area) - 1
+    last["length"] = rows["length"][-1] / (2 * np.pi * np.asarray(equation.speed)) - 1
     arrived = len(rows["t"]) == len(times) and all(np.all(np.isfinite(last[part])) for part in PARTS)
     return last if arrived else jax.tree.map(lambda a: a + np.nan, last)
 

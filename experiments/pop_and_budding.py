@@ -104,7 +104,7 @@ def budding(beta, N, tolerance, window, every=1e-3, after=()):
     chords = [narrowest_chord(x, tension) for x, tension in membrane]
     width, tension = np.array([c[0] for c in chords]), np.array([c[1] for c in chords])
     time, least = first_minimum(t, width)
-    at_minimum = {name: np.interp(time, rows["t"], rows[f"diagnostics/{name}"][:, 0]) for name in _AT_MINIMUM}
+    at_minimum = {name: np.interp(time, rows["t"], rows[name][:, 0]) for name in _AT_MINIMUM}
     found = {"beta": beta, "N": N, "tolerance": tolerance, "t": t, "width": width, "neck_tension": tension}
     found |= {
         "time": time,
@@ -132,7 +132,7 @@ def run(cases=CASES, windows=WINDOWS, N=64, t_end=1.0, saves=50, after=(0.275, 0
 
 def classes(found) -> dict[str, str]:
     """Returns the class of each of the two runs at Δ = 0.9, by `jaxves.class_names`."""
-    deformation = {name: found[name]["diagnostics/deformation_along_field"][:, 0] for name in ("POP", "Λ = 10")}
+    deformation = {name: found[name]["deformation_along_field"][:, 0] for name in ("POP", "Λ = 10")}
     return {name: phases.class_names(D)[0] for name, D in deformation.items()}
 
 
@@ -174,7 +174,7 @@ def main():
     found = run()
     for name, word in classes(found).items():
         rows = found[name]
-        D = rows["diagnostics/deformation_along_field"][:, 0]
+        D = rows["deformation_along_field"][:, 0]
         print(f"{name}: {word}, {rows['status']}, D from {D[0]:.3f} through {D.min():.3f} to {D[-1]:.3f}")
     print("   β    N  tolerance  time     paper  off by  narrowest  λ in neck  least λ  tails         steps")
     for neck in found["necks"]:
@@ -185,7 +185,7 @@ def main():
             f"{neck['spectral_tail']:.0e} {neck['tension_tail']:.0e}  "
             f"{neck['steps']}+{neck['rejected']}  {neck['status']}"
         )
-    deformation = {name: found[name]["diagnostics/deformation_along_field"][:, 0] for name in ("POP", "Λ = 10")}
+    deformation = {name: found[name]["deformation_along_field"][:, 0] for name in ("POP", "Λ = 10")}
     necks = [{name: value for name, value in neck.items() if name != "shape"} for neck in found["necks"]]
     store("pop_and_budding", {"classes": classes(found), "deformation": deformation, "necks": necks})
 

@@ -66,8 +66,8 @@ def fixed(scene, t_end, variant, steps, stepper=None):
         return None
     return {
         "x": rows["x"][-1],
-        "area": float(rows["diagnostics/area"][-1, 0] / equation.area[0] - 1),
-        "length": float(rows["diagnostics/length"][-1, 0] / (2 * np.pi * equation.speed[0]) - 1),
+        "area": float(rows["area"][-1, 0] / equation.area[0] - 1),
+        "length": float(rows["length"][-1, 0] / (2 * np.pi * equation.speed[0]) - 1),
     }
 
 
@@ -104,8 +104,8 @@ def with_adaptive_steps(scene, t_end, variants, tolerance=1e-4, calls=10):
         method = Adaptive(tolerance, projection=projection, max_steps=3000)
         state, rows, equation = march(scene, method, times, filter=_filter(cut), checks=_ALL)
         rows = {key: row[~np.isnan(rows["t"])] for key, row in rows.items()}
-        area = rows["diagnostics/area"][:, 0] / equation.area[0] - 1
-        length = rows["diagnostics/length"][:, 0] / (2 * np.pi * equation.speed[0]) - 1
+        area = rows["area"][:, 0] / equation.area[0] - 1
+        length = rows["length"][:, 0] / (2 * np.pi * equation.speed[0]) - 1
         found[variant] = {
             "status": status.WORDS[max(int(state.status), status.COMPLETE)],
             "t": float(state.t),
@@ -136,7 +136,7 @@ def errors(scene, t_end, best, without):
         word, rows = ended(scene, 1e-5, t_end, **options)
         n = min(len(rows["t"]), len(best["t"]))
         apart = distances({key: row[:n] for key, row in rows.items()}, {key: row[:n] for key, row in best.items()})
-        neck = float(rows["diagnostics/self_gap"][n - 1, 0] / (2 * np.pi / scene.x.shape[1]))
+        neck = float(rows["self_gap"][n - 1, 0] / (2 * np.pi / scene.x.shape[1]))
         found[name] = {"status": word, "t": float(rows["t"][n - 1]), "neck": neck}
         found[name] |= {key: float(error[-1]) for key, error in apart.items()}
     return found
@@ -181,10 +181,10 @@ def at_the_edge(tolerances, N=96, t_end=20.0, saves=100):
         found[tolerance] = {}
         for name, method in (("watched", Adaptive(tolerance)), ("plain", Adaptive(tolerance, edge_weight=0.0))):
             state, rows, _ = march(scene, method, times, checks=_ALL, together=saves)
-            late = {key.removeprefix("diagnostics/"): row[saves // 2 :, 0] for key, row in rows.items() if row.ndim > 1}
+            late = {key: row[saves // 2 :, 0] for key, row in rows.items() if row.ndim > 1}
             found[tolerance][name] = {
                 "steps": int(state.steps) + int(state.rejected),
-                "viscosity": float(np.ptp(rows["diagnostics/effective_viscosity"][saves // 2 :])),
+                "viscosity": float(np.ptp(rows["effective_viscosity"][saves // 2 :])),
                 "inclination": float(np.ptp(late["inclination"])),
                 "spacing": float(np.max(late["metric_error"])),
                 "tail": float(np.max(late["spectral_tail"])),

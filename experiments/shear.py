@@ -34,7 +34,7 @@ def steady(reduced_area, N, tolerance, capillary_number=10.0, t_end=4.0):
     setting = make_scene(shapes.ellipse(N, reduced_area, angle=0.8 * jnp.pi / 4), flow=Shear(capillary_number))
     _, rows, _ = march(setting, Adaptive(tolerance), t_end * np.array([7 / 8, 1.0]), together=2)
     names = {"inclination": "inclination", "viscosity": "effective_viscosity", "speed": "tank_treading_speed"}
-    series = {name: rows[f"diagnostics/{key}"].reshape(2) for name, key in names.items()}
+    series = {name: rows[key].reshape(2) for name, key in names.items()}
     found = {name: float(values[-1]) for name, values in series.items()}
     still = max(abs(series[name][1] - series[name][0]) for name in ("inclination", "viscosity"))
     return found | {"still": float(still)}

@@ -160,7 +160,7 @@ def _stretches(equation: Equation, march: Fixed, state, tangent: Unknowns, inter
         def moved(y):
             at = eqx.tree_at(lambda s: s.y, state, y)
             after, rows = advance(equation, march, at, at.t[None] + interval, stops, checks)
-            return after.y, (after, rows["diagnostics/inclination"][0, 0])
+            return after.y, (after, rows.diagnostics["inclination"][0, 0])
 
         _, grown, (after, angle) = jax.jvp(moved, (state.y,), (tangent,), has_aux=True)
         length = _norm(grown)

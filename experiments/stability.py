@@ -168,7 +168,7 @@ def judge(cell: Cell) -> dict:
     # Potentials are measured in units of the largest, where that exceeds 1.
     scale = max(1.0, np.max(np.abs(finer["V_m"][:n]))) if n else 1.0
     error = max(np.max(apart["shape"]), np.max(apart["V_m"]) / scale) if n else np.nan
-    numbers = [row for key, row in rows.items() if key != "diagnostics/self_gap"]  # infinite where nothing is narrow
+    numbers = [row for key, row in rows.items() if key != "self_gap"]  # infinite where nothing is narrow
     finite = all(np.all(np.isfinite(row)) for row in numbers)
     if word in status.SUCCESS:
         sound = finite and finer_word in status.SUCCESS and error <= 1e-3
@@ -177,7 +177,7 @@ def judge(cell: Cell) -> dict:
         verdict = "stopped" if finite and not error > 1e-2 else "wrong"
     found = {"verdict": verdict, "word": word, "error": float(error)}
     found["tension"] = float(np.max(apart["tension"])) if n else np.nan
-    tail = float(np.max(rows["diagnostics/spectral_tail"])) if n else np.nan
+    tail = float(np.max(rows["spectral_tail"])) if n else np.nan
     return found | {
         "finer": finer_word, "finite": bool(finite), "steps": steps, "rejected": rejected, "tail": tail,
         "t_end": cell.t_end(),

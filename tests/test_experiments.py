@@ -97,7 +97,7 @@ def test_the_first_minimum_is_found_between_saves():
 def test_a_conducting_vesicle_stays_prolate():
     found = pop_and_budding.run(**pop_and_budding.QUICK)
     assert pop_and_budding.classes(found)["Λ = 10"] == "P"
-    assert found["POP"]["diagnostics/deformation_along_field"].min() < 0
+    assert found["POP"]["deformation_along_field"].min() < 0
 
 
 def test_a_disturbance_of_the_symmetry_is_followed():

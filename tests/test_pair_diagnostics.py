@@ -14,6 +14,7 @@ from jaxves.geometry import extremes, shapes
 from jaxves.numerics import fourier
 from jaxves.observables import diagnostics
 from jaxves.observables.checks import Checks
+from jaxves.observables.rows import Row
 from jaxves.physics.scene import dc_field, make_scene
 
 DIRECTION = np.array([0.6, 0.8])
@@ -26,10 +27,10 @@ def _diagnosing(N, M):
         field = dc_field(3.2, conductivity_ratio=0.1, vesicles=M, direction=DIRECTION)
         equation = equation_for(make_scene(list(x), field=field))
         y = Unknowns.of(x, V_m)
-        row = {f"diagnostics/{name}": value for name, value in _found(equation, y).items()}
+        found = _found(equation, y)
         checks = Checks(tail=np.inf)
         zero = jnp.zeros(())
-        return row, checks.judge(equation, zero, y, row | {"x": x, "tension": x[..., 0]})
+        return found, checks.judge(equation, zero, y, Row(zero, x, x[..., 0], found))
 
     def _found(equation, y):
         motion = equation.motion(jnp.zeros(()), y)
@@ -41,8 +42,8 @@ def _diagnosing(N, M):
         return extremes.gap(*(diagnostics.Curve.from_nodes(x) for x in x[:2]))
 
     def call(x, V_m):
-        row, code = diagnose(x, V_m)
-        return {name.removeprefix("diagnostics/"): np.asarray(value) for name, value in row.items()}, int(code)
+        found, code = diagnose(x, V_m)
+        return {name: np.asarray(value) for name, value in found.items()}, int(code)
 
     return call
 

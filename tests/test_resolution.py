@@ -9,6 +9,7 @@ from conftest import Stops, star, stored
 from jaxves.equation.projection import Filter
 from jaxves.inputs.scene_files import parse
 from jaxves.numerics import fourier
+from jaxves.observables.rows import Row
 from jaxves.results import run_store
 from jaxves.runs import adapt_nodes, problem, runner
 
@@ -22,8 +23,8 @@ def pop(nodes):
 def row(N, **changed):
     """One saved instant of a star whose tension and potential are smooth."""
     x = np.asarray(star(N))[None, None]
-    found = {"x": x, "tension": x[..., 0], "V_m": x[..., 1]}
-    return found | {"diagnostics/length": np.array([[7.0]]), "diagnostics/self_gap": np.array([[np.inf]])} | changed
+    found = {"length": np.array([[7.0]]), "self_gap": np.array([[np.inf]])}
+    return Row(np.zeros(1), x, x[..., 0], found, x[..., 1])._replace(**changed)
 
 
 def test_the_monitor_is_the_spectral_tail_of_a_resampled_curve():
@@ -40,11 +41,11 @@ def test_the_monitor_asks_for_what_shape_potential_or_tension_lack():
     smooth = row(64)
     assert adapt_nodes.demand(smooth, 64) < 1e-12
     for name, factor in (("V_m", 1.0), ("tension", 1e-3)):
-        rough = row(64, **{name: smooth[name] + ripple})
+        rough = row(64, **{name: getattr(smooth, name) + ripple})
         assert 1e-4 < adapt_nodes.demand(rough, 48) / factor < 1e-2  # the mode is among the last of 48 nodes,
         assert adapt_nodes.demand(rough, 64) < 1e-12  # and far from the last of 64
     assert adapt_nodes.necks_hold(smooth, 32)
-    assert not adapt_nodes.necks_hold(row(64, **{"diagnostics/self_gap": np.array([[0.3]])}), 64)
+    assert not adapt_nodes.necks_hold(row(64, diagnostics=smooth.diagnostics | {"self_gap": np.array([[0.3]])}), 64)
 
 
 @pytest.mark.slow

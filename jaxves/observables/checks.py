@@ -4,7 +4,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from ..base import status
 from ..equation.equation import Equation
@@ -14,6 +13,7 @@ from ..geometry.curve import Curve
 from ..numerics.arrays import Scalar, Status
 from ..potentials import self_refined
 from . import diagnostics
+from .rows import Row
 
 
 class Checks(eqx.Module):
@@ -29,35 +29,35 @@ class Checks(eqx.Module):
     drift: float = eqx.field(static=True, default=1e-2)
     steady: Scalar | None = None
 
-    def judge(self, equation: Equation, t: Scalar, y: Unknowns, row: dict[str, Array]) -> Status:
+    def judge(self, equation: Equation, t: Scalar, y: Unknowns, row: Row) -> Status:
         """Returns the status for one saved row: RUNNING, or why the run ends."""
         code = jnp.int32(status.RUNNING)
         if self.steady is not None:
             motion = equation.motion(t, y)
             still = _speed_of_shape(motion, y) < self.steady
             code = jnp.where(still & (t > 0), status.STEADY, code)
-        unresolved = jnp.max(row["diagnostics/spectral_tail"]) > self.tail
+        unresolved = jnp.max(row.diagnostics["spectral_tail"]) > self.tail
         # The neck or fold is too narrow for the self-interaction kernels.
         spacing = 2 * np.pi * equation.speed / y.x.shape[1]
-        pinched = jnp.any(row["diagnostics/self_gap"] < self_refined.RESOLVED * spacing)
+        pinched = jnp.any(row.diagnostics["self_gap"] < self_refined.RESOLVED * spacing)
         code = jnp.where(unresolved | pinched, status.UNRESOLVED, code)
-        area = jnp.max(jnp.abs(row["diagnostics/area"] / equation.area - 1))
-        length = jnp.max(jnp.abs(row["diagnostics/length"] / (2 * np.pi * equation.speed) - 1))
+        area = jnp.max(jnp.abs(row.diagnostics["area"] / equation.area - 1))
+        length = jnp.max(jnp.abs(row.diagnostics["length"] / (2 * np.pi * equation.speed) - 1))
         code = jnp.where(jnp.maximum(area, length) > self.drift, status.DRIFT, code)
-        solved = verdict(row["diagnostics/residual"])
+        solved = verdict(row.diagnostics["residual"])
         code = jnp.where(solved == status.RUNNING, code, solved)
         crossed = jnp.any(jax.vmap(lambda x: diagnostics.crosses_itself(Curve.from_nodes(x)))(y.x))
         code = jnp.where(crossed, status.SELF_CONTACT, code)
         if y.x.shape[0] > 1:
             code = self._of_several(y, row, code)
-        finite = jnp.all(jnp.isfinite(row["x"])) & jnp.all(jnp.isfinite(row["tension"]))
+        finite = jnp.all(jnp.isfinite(row.x)) & jnp.all(jnp.isfinite(row.tension))
         return jnp.where(finite, code, status.NOT_FINITE)
 
-    def _of_several(self, y: Unknowns, row: dict[str, Array], code: Status) -> Status:
+    def _of_several(self, y: Unknowns, row: Row, code: Status) -> Status:
         """Returns the status after checking the films between vesicles, and whether vesicles overlap."""
         curves = jax.vmap(Curve.from_nodes)(y.x)
-        thin = row["diagnostics/min_gap"] < jnp.max(jax.vmap(lambda curve: curve.weights)(curves))
-        unresolved = thin & (row["diagnostics/film_error"] > self.film)
+        thin = row.diagnostics["min_gap"] < jnp.max(jax.vmap(lambda curve: curve.weights)(curves))
+        unresolved = thin & (row.diagnostics["film_error"] > self.film)
         code = jnp.where((code < status.UNRESOLVED) & unresolved, status.UNRESOLVED, code)
         return jnp.where(diagnostics.collides(curves), status.COLLISION, code)
 

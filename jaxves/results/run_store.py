@@ -5,12 +5,15 @@ be opened and selected by time while it is written. The root attribute `saved` i
 """
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from ..observables import quantities
+from ..observables.rows import Row
 from . import restart
 from .hdf5 import Description, StoreError, datasets_below, histories, named_errors, opened, refuse_special
 
@@ -24,6 +27,28 @@ HISTORY = {
     "nodes": Description("1", "nodes used in the computation", ("t", "vesicle"), int),
     "steps": Description("1", "accepted steps until then", ("t",), int),
 }
+
+
+_DIAGNOSTICS = "diagnostics/"  # where a file has the diagnostics of the saved times
+
+
+def datasets_of(row: Row) -> dict[str, np.ndarray]:
+    """Returns the arrays of a row by their paths in a result file."""
+    found = {name: getattr(row, name) for name in HISTORY if getattr(row, name) is not None}
+    return found | {f"{_DIAGNOSTICS}{name}": value for name, value in row.diagnostics.items()}
+
+
+def row_of(datasets: Mapping[str, np.ndarray]) -> Row:
+    """Returns the row with these arrays by their paths, the inverse of `datasets_of`; others are left out."""
+    found = {name.removeprefix(_DIAGNOSTICS): datasets[name] for name in datasets if name.startswith(_DIAGNOSTICS)}
+    return Row(diagnostics=found, **{name: datasets.get(name) for name in HISTORY})
+
+
+def description(path: str) -> Description:
+    """Returns what the dataset at this path holds."""
+    if path in HISTORY:
+        return HISTORY[path]
+    return Description(*quantities.QUANTITIES[path.removeprefix(_DIAGNOSTICS)])
 
 
 @dataclass(frozen=True)
@@ -58,15 +83,11 @@ def read_result(path: str | os.PathLike) -> Record:
     with named_errors("read", path), open_result(path) as file:
         attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
         rows = {name: dataset[: attributes["saved"]] for name, dataset in histories(file).items()}
-        diagnostics = {
-            name.removeprefix("diagnostics/"): rows[name] for name in rows if name.startswith("diagnostics/")
-        }
         averages = None
         if "averages" in file:
             averages = {name: dataset[()] for name, dataset in datasets_below(file["averages"]).items()}
     return Record(
-        **{name: rows.get(name) for name in HISTORY},
-        diagnostics=diagnostics,
+        **row_of(rows)._asdict(),
         averages=averages,
         attributes=attributes,
         status=attributes["status"],

@@ -22,6 +22,7 @@ import h5py
 import numpy as np
 
 from ..observables import certificate
+from ..observables.rows import Row
 from . import restart
 from .hdf5 import (
     Description,
@@ -37,7 +38,7 @@ from .hdf5 import (
     replacing,
 )
 from .ownership import check_in_place
-from .run_store import SCHEMA_VERSION, open_result
+from .run_store import SCHEMA_VERSION, open_result, row_of
 
 
 class Writer(OpenFile):
@@ -139,16 +140,11 @@ class Writer(OpenFile):
 
     def diagnostics(self) -> dict[str, np.ndarray]:
         """Returns the diagnostics of all saved times."""
-        start = "diagnostics/"
-        return {
-            name.removeprefix(start): dataset[: self.saved]
-            for name, dataset in self._rows.items()
-            if name.startswith(start)
-        }
+        return row_of({name: dataset[: self.saved] for name, dataset in self._rows.items()}).diagnostics
 
-    def row(self, i: int) -> dict[str, np.ndarray]:
+    def row(self, i: int) -> Row:
         """Returns everything that was saved at time number i."""
-        return {name: dataset[i] for name, dataset in self._rows.items()}
+        return row_of({name: dataset[i] for name, dataset in self._rows.items()})
 
     def finish(
         self,

@@ -24,6 +24,7 @@ from ..equation.projection import Filter
 from ..equation.state import Unknowns
 from ..inputs.scene_tables import SceneFile
 from ..numerics import fourier
+from ..observables.rows import Row
 from ..stepping.record import advance
 from ..stepping.state import State
 from .build import build
@@ -40,8 +41,6 @@ _RESOLVABLE = frozenset({status.UNRESOLVED, status.DRIFT, status.SOLVE_FAILED, s
     status.STEP_UNDERFLOW,
     status.NOT_FINITE,
 }
-
-Row = dict[str, np.ndarray]
 
 
 @eqx.filter_jit
@@ -73,16 +72,16 @@ def _tail(f: np.ndarray, N: int, cut: int) -> float:
 def demand(row: Row, N: int) -> float:
     """Returns the largest spectral tail of one saved row on N nodes, in units of the limit of x."""
     cut = Filter.for_nodes(N)
-    found = [_tail(row["x"][0], N, cut.x), _tail(row["tension"][0], N, cut.surface) / _TENSION]
-    if "V_m" in row and np.max(np.ptp(row["V_m"][0], axis=1)) > 1e-8:  # otherwise its variation is round-off
-        found.append(_tail(row["V_m"][0], N, cut.surface))
+    found = [_tail(row.x[0], N, cut.x), _tail(row.tension[0], N, cut.surface) / _TENSION]
+    if row.V_m is not None and np.max(np.ptp(row.V_m[0], axis=1)) > 1e-8:  # otherwise its variation is round-off
+        found.append(_tail(row.V_m[0], N, cut.surface))
     return max(found)
 
 
 def necks_hold(row: Row, N: int) -> bool:
     """Returns whether N nodes are enough for the narrowest chords of all vesicles."""
-    spacing = row["diagnostics/length"] / N
-    return bool(np.all(row["diagnostics/self_gap"] >= _NECK * spacing))
+    spacing = row.diagnostics["length"] / N
+    return bool(np.all(row.diagnostics["self_gap"] >= _NECK * spacing))
 
 
 class Resolution:
@@ -139,16 +138,16 @@ class Resolution:
         """
         problem = self.problem(state.y.x.shape[1])
         state, row = awaited(_march(problem, state, np.asarray(t_save)))
-        row = {name: np.asarray(value) for name, value in row.items()}
-        there = ~np.isnan(row["t"])
-        row = {name: value[there] for name, value in row.items()}
-        return state, row | {"steps": np.full(len(row["t"]), int(state.steps))}
+        row = jax.tree.map(np.asarray, row)
+        there = ~np.isnan(row.t)
+        row = jax.tree.map(lambda value: value[there], row)
+        return state, row._replace(steps=np.full(len(row.t), int(state.steps)))
 
     def stored(self, row: Row) -> Row:
         """Returns the row interpolated to the number of nodes of all rows, with the number that was used."""
-        count, M, N = row["x"].shape[:3]
-        finer = {name: finer_rows(row[name], self.sizes[-1]) for name in ("x", "V_m", "tension") if name in row}
-        return row | finer | {"nodes": np.full((count, M), N)}
+        count, M, N = row.x.shape[:3]
+        x, tension, V_m = jax.tree.map(lambda f: finer_rows(f, self.sizes[-1]), (row.x, row.tension, row.V_m))
+        return row._replace(x=x, tension=tension, V_m=V_m, nodes=np.full((count, M), N))
 
     def stepped(self, state: State, t_save: float) -> tuple[State, Row]:
         """Advances to the next saved time and adapts the number of nodes; returns the state and the row.
@@ -169,7 +168,7 @@ class Resolution:
     def _wants_more(self, after: State, row: Row, N: int) -> bool:
         if self.sizes[-1] == N:
             return False
-        if not len(row["t"]) or int(after.status) in _RESOLVABLE:
+        if not len(row.t) or int(after.status) in _RESOLVABLE:
             return int(after.status) in _RESOLVABLE
         return demand(row, N) > self.limit or not necks_hold(row, N)
 

@@ -20,7 +20,7 @@ from .case import Case
 from .continuation import saved_times
 from .earlier import started_from
 from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
-from .rows import Rows, description, restored
+from .rows import Rows, restored
 
 # Names in the restart state: nodes (after relaxation) and, if not zero, potential at t = 0, before they are filtered.
 _START, _START_V_m = "start", "start_V_m"
@@ -66,7 +66,7 @@ def new(
     row = resolution.stored(row)
     # The state has not changed, but the start may already exceed the limits.
     state = eqx.tree_at(lambda s: s.status, problem.state, state.status)
-    _, M, N = row["x"].shape[:3]
+    _, M, N = row.x.shape[:3]
     symmetry = problem.equation.symmetry
     writer = run_writer.Writer(
         path,
@@ -75,7 +75,7 @@ def new(
         times=saved_times(scene_file),
         vesicles=M,
         nodes=N,
-        datasets={name: description(name) for name in row},
+        datasets={name: run_store.description(name) for name in run_store.datasets_of(row)},
         force=force,
     )
     given = {_START: scene.x} | ({} if scene.V_m is None else {_START_V_m: scene.V_m})

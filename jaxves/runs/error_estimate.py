@@ -22,10 +22,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base import status
-from .adapt_nodes import Resolution, Row, finer_rows
+from ..observables.rows import Row
+from .adapt_nodes import Resolution, finer_rows
 
 _BETWEEN = 4  # least number of steps of the first run between the times at which the second stops
-_TAILS = ("diagnostics/spectral_tail", "diagnostics/tension_tail")
+_TAILS = ("spectral_tail", "tension_tail")
 _POOR = 1e-2  # above this estimate a finer run is made
 
 
@@ -98,16 +99,16 @@ def _compared(
     other, state = resolution.other(second.nodes, second.tolerance)
     apart, ratio, tails = 0.0, 1.0, np.zeros((2, len(_TAILS)))
     last = len(times) - 1
-    stride = math.ceil(_BETWEEN * last / max(int(rows(last)["steps"]), 1))
+    stride = math.ceil(_BETWEEN * last / max(int(rows(last).steps), 1))
     for i in [0, *range(stride, last, stride), last]:
         state, found = other.stepped(state, times[i])
         code = int(state.status)
-        if not len(found["t"]) or code not in (status.RUNNING, status.STEADY):
+        if not len(found.t) or code not in (status.RUNNING, status.STEADY):
             return None
         row = rows(i)
-        tails = np.maximum(tails, [[np.max(r[name]) for name in _TAILS] for r in (row, found)])
+        tails = np.maximum(tails, [[np.max(r.diagnostics[name]) for name in _TAILS] for r in (row, found)])
         apart = max(apart, *_distances(row, found))
-        ratio = float(row["steps"] / max(int(state.steps), 1))
+        ratio = float(row.steps / max(int(state.steps), 1))
         progress(times[-1], f"estimating the error: t = {times[i]:.3g} with {second.in_words()}")
         if code == status.STEADY or (2 * i > last and not second.tells(ratio)):
             break
@@ -117,9 +118,9 @@ def _compared(
 def _distances(row: Row, found: Row) -> list[float]:
     """Returns the largest differences of x and V_m between rows of two runs, on the finer nodes of the two."""
     out = []
-    for name in ("x", "V_m"):
-        if name in row:
-            K = max(row[name].shape[1], found[name].shape[2])
-            first, second = finer_rows(row[name][None], K), finer_rows(found[name], K)
+    for one, other in ((row.x, found.x), (row.V_m, found.V_m)):
+        if one is not None:
+            K = max(one.shape[1], other.shape[2])
+            first, second = finer_rows(one[None], K), finer_rows(other, K)
             out.append(float(np.max(np.abs(first - second))))
     return out

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base import status
-from ..observables import quantities
-from ..results.hdf5 import Description, StoreError
-from ..results.run_store import HISTORY, read_result
+from ..observables.rows import Row
+from ..results.hdf5 import StoreError
+from ..results.run_store import datasets_of, read_result
 from ..results.run_writer import Writer
 from ..stepping.state import State
 
@@ -49,13 +49,6 @@ def restored(template: State, leaves: dict[str, np.ndarray], path: Path) -> Stat
     )
 
 
-def description(name: str) -> Description:
-    """Returns the description of the dataset of this name."""
-    if name in HISTORY:
-        return HISTORY[name]
-    return Description(*quantities.QUANTITIES[name.removeprefix("diagnostics/")])
-
-
 class Rows:
     """A buffer of rows. They are written to the file from time to time, with the state after the last row.
 
@@ -68,14 +61,14 @@ class Rows:
         self.writer = writer
         self.start = start
         self.deformation: list[np.ndarray] = []  # deformation along the field of all rows
-        self._waiting: list[dict[str, np.ndarray]] = []
+        self._waiting: list[Row] = []
         self._written = time.perf_counter()
 
-    def add(self, row: dict[str, np.ndarray], state: State) -> None:
+    def add(self, row: Row, state: State) -> None:
         """Adds a row and the state after it; writes if the last write was some time ago."""
-        if len(row["t"]):
+        if len(row.t):
             self._waiting.append(row)
-            self.deformation.extend(row.get("diagnostics/deformation_along_field", ()))
+            self.deformation.extend(row.diagnostics.get("deformation_along_field", ()))
             self.state = state
         if time.perf_counter() > self._written + SECONDS_BETWEEN_WRITES:
             self.write()
@@ -83,7 +76,8 @@ class Rows:
     def write(self) -> None:
         """Writes all rows that are waiting."""
         if self._waiting:
-            block = {name: np.concatenate([row[name] for row in self._waiting]) for name in self.writer.names}
+            rows = datasets_of(jax.tree.map(lambda *parts: np.concatenate(parts), *self._waiting))
+            block = {name: rows[name] for name in self.writer.names}
             restart = {} if self.start is None else named(self.state) | self.start
             self.writer.append(block, restart)
             self._waiting = []

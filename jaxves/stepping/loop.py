@@ -11,7 +11,8 @@ from ..equation import tracking
 from ..equation.equation import Equation
 from ..numerics.arrays import as_float
 from ..observables.checks import Checks
-from ..observables.rows import observe
+from ..observables.observing import observe
+from ..observables.rows import Row
 from ..physics.scene import Scene
 from .march import AbstractMarch
 from .state import Journey, State, Window
@@ -57,7 +58,7 @@ def march_through(
     times: Float[Array, "K"],
     stops: Float[Array, "S"],
     checks: Checks,
-) -> tuple[Journey, dict[str, Array], Int[Array, "K"] | None]:
+) -> tuple[Journey, Row, Int[Array, "K"] | None]:
     """Advances through the saved times.
 
     Returns the journey after the last of them, the rows (K, ...), which are NaN after the end of a run, and the number

@@ -20,7 +20,7 @@ from ..numerics.linear import AbstractSolver
 from ..observables import certificate, diagnostics
 from ..observables.certificate import Link
 from ..observables.checks import Checks
-from ..observables.rows import observe
+from ..observables.observing import observe
 from ..operators.interactions import AbstractCoupling
 from ..physics.scene import Scene
 from .adaptive import Adaptive
@@ -165,10 +165,9 @@ def _simulated(scene, saved, march, average, checks, filter, solver, coupling) -
     state, rows = advance(equation, march, state, times, stops_of(scene, t_end, average), checks)
     rows = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rows)
     code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
-    found = {name.removeprefix("diagnostics/"): rows[name] for name in rows if name.startswith("diagnostics/")}
     means = None if average is None else diagnostics.averages(state.window.means(), scene)
-    code = jnp.where(code <= status.CLASS_REACHED, _judged(equation, rows["t"], found, code), code)
-    return Result(rows["t"], rows["x"], rows.get("V_m"), rows["tension"], found, means, jnp.int32(code), state)
+    code = jnp.where(code <= status.CLASS_REACHED, _judged(equation, rows.t, rows.diagnostics, code), code)
+    return Result(rows.t, rows.x, rows.V_m, rows.tension, rows.diagnostics, means, jnp.int32(code), state)
 
 
 def _judged(equation: Equation, t: Float[Array, "T"], found: dict[str, Array], code: Status) -> Status:

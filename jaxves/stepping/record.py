@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 
 from ..equation.equation import Equation
 from ..observables.checks import Checks
-from ..observables.rows import observe
+from ..observables.observing import observe
+from ..observables.rows import Row
 from . import replay
 from .loop import march_through
 from .march import AbstractMarch
@@ -25,7 +26,7 @@ def advance(
     times: Float[Array, "K"],
     stops: Float[Array, "S"],
     checks: Checks,
-) -> tuple[State, dict[str, Array]]:
+) -> tuple[State, Row]:
     """Advances through the saved times; returns the state and the rows (K, ...).
 
     Rows after the end of a run are NaN. `stops` are further times at which steps must end.

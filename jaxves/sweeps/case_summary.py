@@ -13,6 +13,7 @@ from jaxtyping import Array
 from ..base import status
 from ..numerics.arrays import as_float
 from ..observables import certificate, classes, diagnostics
+from ..observables.rows import Row
 from ..physics.scene import Scene
 from ..runs.case import Case
 from ..stepping.loop import initial_state, stops_of
@@ -38,10 +39,6 @@ EXTREMES = (
 _CLASSIFIED = "deformation_along_field"
 
 
-def _diagnostics(row: dict[str, Array]) -> dict[str, Array]:
-    return {name.removeprefix("diagnostics/"): value for name, value in row.items() if "/" in name}
-
-
 class _Seen(eqx.Module):
     """The reduced values after some of the saved times; NaN before the first."""
 
@@ -52,12 +49,12 @@ class _Seen(eqx.Module):
     deformation: Array | None  # deformation along the field at all saved times, (T, M)
 
     @classmethod
-    def nothing(cls, row: dict[str, Array], saves: int, kept: dict[str, Array]) -> "_Seen":
+    def nothing(cls, row: Row, saves: int, kept: dict[str, Array]) -> "_Seen":
         """Returns the values before the first of `saves` saved times.
 
         `row` is a row with all names, filled with NaN. `kept` is as in `with_row`.
         """
-        names = _diagnostics(row)
+        names = row.diagnostics
         extremes = {name: names[name] for name in EXTREMES if name in names}
         worst = jax.tree.map(lambda leaf: jnp.full_like(leaf, jnp.nan), certificate.maxima(names, kept, jnp))
         deformation = None
@@ -65,9 +62,9 @@ class _Seen(eqx.Module):
             deformation = jnp.full((saves, *names[_CLASSIFIED].shape), jnp.nan)
         return cls(names, extremes, extremes, worst, deformation)
 
-    def with_row(self, k: Array, row: dict[str, Array], there: Array, kept: dict[str, Array]) -> "_Seen":
+    def with_row(self, k: Array, row: Row, there: Array, kept: dict[str, Array]) -> "_Seen":
         """Returns the values with the row of saved time number k, if `there`. `kept` has the areas and perimeters."""
-        found = _diagnostics(row)
+        found = row.diagnostics
         return _Seen(
             {name: jnp.where(there, found[name], old) for name, old in self.final.items()},
             {name: jnp.fmin(old, found[name]) for name, old in self.least.items()},
@@ -115,11 +112,11 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
         # A run that has ended costs nothing more, unless this is batched.
         running = state.status == status.RUNNING
         state, row = lax.cond(running, march_to, lambda state, _: (state, nothing), state, t_save)
-        seen = seen.with_row(k, row, ~jnp.isnan(row["t"]), equation.kept())
+        seen = seen.with_row(k, row, ~jnp.isnan(row.t), equation.kept())
         if wanted is not None:
             reached = (state.status == status.RUNNING) & seen.has_class(wanted)
             state = eqx.tree_at(lambda s: s.status, state, jnp.where(reached, status.CLASS_REACHED, state.status))
-        return (state, seen), {name: row[name] for name in _kept(keep, row)}
+        return (state, seen), _kept(keep, row)
 
     start = state, _Seen.nothing(nothing, len(times), equation.kept())
     (state, seen), history = lax.scan(to_save, start, (jnp.arange(len(times)), times))
@@ -140,13 +137,14 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
         out |= {f"{name}_average": value for name, value in means.items()}
     out |= {f"{name}_min": value for name, value in seen.least.items()}
     out |= {f"{name}_max": value for name, value in seen.greatest.items()}
-    return out | {f"history/{name.removeprefix('diagnostics/')}": value for name, value in history.items()}
+    return out | {f"history/{name}": value for name, value in history.items()}
 
 
-def _kept(keep: tuple[str, ...], row: dict[str, Array]) -> list[str]:
-    kept = []
+def _kept(keep: tuple[str, ...], row: Row) -> dict[str, Array]:
+    """Returns what is kept of one saved time, by name."""
+    kept = {}
     if "history" in keep:
-        kept += [name for name in row if "/" in name]
+        kept |= row.diagnostics
     if "shapes" in keep:
-        kept += [name for name in ("x", "V_m", "tension") if name in row]
+        kept |= {"x": row.x, "tension": row.tension} | ({} if row.V_m is None else {"V_m": row.V_m})
     return kept
