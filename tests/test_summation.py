@@ -14,6 +14,7 @@ from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import shapes
 from jaxves.geometry.curve import Curve
+from jaxves.geometry.domain import Free
 from jaxves.numerics import krylov
 from jaxves.operators import interactions, sums
 from jaxves.operators.near_pairs import NearPairs
@@ -59,7 +60,7 @@ def test_every_coupling_gives_the_motion_of_the_direct_solve(coupling):
 def test_the_row_has_near_and_far_pairs():
     """So that the test above sees both rules; the spacing of the source decides, hence not (1, 2)."""
     scene, _ = row_of(3, 32)
-    near = jax.jit(lambda x: NearPairs.of(jax.vmap(Curve.from_nodes)(x), 2, interactions.NEAR))(scene.x)
+    near = jax.jit(lambda x: NearPairs.of(jax.vmap(Curve.from_nodes)(x), 2, interactions.NEAR, Free()))(scene.x)
     pairs = {(int(i), int(j)) for i, j in zip(near.target[near.valid], near.source[near.valid], strict=True)}
     assert pairs == {(0, 1), (1, 0), (2, 1)}
 
@@ -125,15 +126,15 @@ def test_neighbours_are_those_of_a_search_through_all_pairs(seed):
     curves = crowd(jax.random.key(seed))
     targets, sources = interactions.pair_frames(curves)
     expected = np.zeros((24, 24), bool)
-    is_near = jax.jit(jax.vmap(lambda source, x: interactions.is_near_curve(source, x, 5.0)))
+    is_near = jax.jit(jax.vmap(lambda source, x: interactions.is_near_curve(source, x, 5.0, Free())))
     expected[~np.eye(24, dtype=bool)] = is_near(sources, targets.x)
-    near = jax.jit(NearPairs.of, static_argnums=(1, 2))(curves, 12, 5.0)
+    near = jax.jit(NearPairs.of, static_argnums=(1, 2))(curves, 12, 5.0, Free())
     assert not near.overflow
     found = np.zeros((24, 24), bool)
     found[near.target[near.valid], near.source[near.valid]] = True
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(near.sources_of(jnp.int32(5), 24), expected[5])
-    assert jax.jit(NearPairs.of, static_argnums=(1, 2))(curves, int(expected.sum()) // 24 - 1, 5.0).overflow
+    assert jax.jit(NearPairs.of, static_argnums=(1, 2))(curves, int(expected.sum()) // 24 - 1, 5.0, Free()).overflow
 
 
 def test_near_pairs_without_room_end_a_run_as_crowded():
@@ -173,6 +174,7 @@ import jax, jax.numpy as jnp, numpy as np
 from test_summation import row_of
 from jaxves.equation.equation import equation_for
 from jaxves.geometry.curve import Curve
+from jaxves.geometry.domain import Free
 from jaxves.operators.sums import MatrixFree
 
 scene, y = row_of(3, 16)
@@ -180,7 +182,7 @@ weights = jnp.cos(jnp.arange(y.x.size)).reshape(y.x.shape)
 
 def found(coupling):
     def sums(x, V_m):
-        between = coupling.between(jax.vmap(Curve.from_nodes)(x), electric=True)
+        between = coupling.between(jax.vmap(Curve.from_nodes)(x), Free(), electric=True)
         return between.stokes(jnp.sin(x)), between.slp_gradient(V_m)
 
     def everything(x):

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from ..geometry import curve as geometry
 from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain, Free
 from ..numerics import fourier, linear
 from ..numerics.arrays import PerVesicle, Scalar
 from ..operators.interactions import AbstractCoupling
@@ -53,12 +54,13 @@ class Equation(eqx.Module):
     coupling: AbstractCoupling | None
     symmetry: Symmetry | None
     refinement: Refinement
+    domain: AbstractDomain
     integrands: object = eqx.field(static=True, default=None)
 
     @property
     def is_alone(self) -> bool:
         """Whether there is a single membrane in free space. It may be a circle, and its symmetries are kept."""
-        return self.coupling is None
+        return self.coupling is None and isinstance(self.domain, Free)
 
     def kept(self) -> dict[str, PerVesicle]:
         """Returns the areas and perimeters, which are conserved, by the names of the diagnostics."""
@@ -92,7 +94,13 @@ class Equation(eqx.Module):
         return Unknowns(motion.velocity, motion.rates, integrals)
 
     def _surfaces(self, y: Unknowns) -> Surfaces:
-        return Surfaces.of(y.x, electric=self.electrics is not None, coupling=self.coupling, refinement=self.refinement)
+        return Surfaces.of(
+            y.x,
+            electric=self.electrics is not None,
+            coupling=self.coupling,
+            domain=self.domain,
+            refinement=self.refinement,
+        )
 
     def _constraint(self, surfaces: Surfaces) -> Constraint:
         return Constraint.of(surfaces, self.mobility, self.is_circle(), self.filter.surface)
@@ -265,5 +273,6 @@ def equation_for(
         coupling,
         Symmetry.of(scene) if M == 1 and keep_symmetry else None,
         Refinement() if refinement is None else refinement,
+        Free(),
         integrands,
     )

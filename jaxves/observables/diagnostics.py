@@ -23,6 +23,7 @@ from ..equation.state import Motion, Unknowns
 from ..geometry import curve as geometry
 from ..geometry import extremes
 from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain
 from ..numerics import fourier
 from ..operators.interactions import over_pairs
 from ..physics import membrane
@@ -92,13 +93,13 @@ def _angle(vector: Array) -> Array:
     return jnp.arctan2(jnp.where(nothing, 0.0, vector[1]), jnp.where(nothing, 1.0, vector[0]))
 
 
-def _of_many(curves: Curve, center: Array, tension_tail: Array) -> dict[str, Array]:
+def _of_many(domain: AbstractDomain, curves: Curve, center: Array, tension_tail: Array) -> dict[str, Array]:
     least = jnp.min(over_pairs(extremes.gap, curves))
     out = {"min_gap": least, "film_error": jnp.max(tension_tail) / (2 * least) ** 2}
     if center.shape[0] == 2:
-        line = center[0] - center[1]
+        line = domain.displacement(center[0], center[1])
         return out | {"separation": jnp.hypot(line[0], line[1]), "line_angle": _angle(line)}
-    apart2 = jnp.sum((center[:, None] - center[None]) ** 2, axis=-1)
+    apart2 = jnp.sum(domain.displacement(center[:, None], center[None]) ** 2, axis=-1)
     itself = jnp.eye(center.shape[0], dtype=bool)
     return out | {"neighbor_distance": jnp.sqrt(jnp.min(jnp.where(itself, jnp.inf, apart2), axis=1))}
 
@@ -197,7 +198,7 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
     if scene.flow is not None:
         out["effective_viscosity"] = scene.flow.effective_viscosity(out["stress"])
     if y.x.shape[0] > 1:
-        out |= _of_many(curves, out["center"], out["tension_tail"])
+        out |= _of_many(equation.domain, curves, out["center"], out["tension_tail"])
     out |= powers(equation, t, y, motion)
     out["residual"] = motion.residual
     return out

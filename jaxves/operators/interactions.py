@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain
 from ..numerics.arrays import VesicleNodes, VesiclePoints
 from ..potentials.self_stokes import StokesBlocks
 
@@ -88,7 +89,7 @@ class AbstractCoupling(eqx.Module):
     together: eqx.AbstractVar[bool]
 
     @abc.abstractmethod
-    def between(self, curves: Curve, *, electric: bool) -> AbstractInteractions:
+    def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> AbstractInteractions:
         """Returns the interactions of the M >= 2 membranes in `curves`; `electric` adds the operators for a field."""
 
 
@@ -115,9 +116,9 @@ def pair_frames(curves: Curve) -> tuple[Curve, Curve]:
     return jax.tree.map(lambda leaf: leaf[target], curves), jax.tree.map(lambda leaf: leaf[source], curves)
 
 
-def is_near_curve(source: Curve, x: Float[Array, "N 2"], near: float) -> Bool[Array, ""]:
+def is_near_curve(source: Curve, x: Float[Array, "N 2"], near: float, domain: AbstractDomain) -> Bool[Array, ""]:
     """Returns whether any of the points `x` is closer than `near` node spacings to `source`."""
-    r2 = jnp.sum((x[:, None] - source.x[None]) ** 2, axis=-1)
+    r2 = jnp.sum(domain.displacement(x[:, None], source.x[None]) ** 2, axis=-1)
     spacing = jnp.max(source.weights)
     # Half a spacing is added, because the curve may pass between two nodes.
     return jnp.min(r2) < ((near + 0.5) * spacing) ** 2

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain
 from .interactions import is_near_curve
 
 _CANDIDATES = 3  # candidates per stored pair; circles of slender vesicles overlap more often than the vesicles
@@ -25,7 +26,7 @@ class NearPairs(eqx.Module):
     overflow: Bool[Array, ""]
 
     @classmethod
-    def of(cls, curves: Curve, per_vesicle: int, near: float) -> "NearPairs":
+    def of(cls, curves: Curve, per_vesicle: int, near: float, domain: AbstractDomain) -> "NearPairs":
         """Finds the pairs that are closer than `near` node spacings.
 
         There is room for `per_vesicle` sources per target on average.
@@ -38,11 +39,11 @@ class NearPairs(eqx.Module):
         reach = radius + (near + 1) * jnp.max(curves.weights, axis=1)
 
         def of_target(i):
-            gap = jnp.sqrt(jnp.sum((center - center[i]) ** 2, axis=-1)) - radius[i] - reach
+            gap = jnp.sqrt(jnp.sum(domain.displacement(center, center[i]) ** 2, axis=-1)) - radius[i] - reach
             gap = jnp.where(jnp.arange(M) == i, jnp.inf, gap)
             least, source = jax.lax.top_k(-gap, candidates)
             sources = jax.tree.map(lambda leaf: leaf[source], curves)
-            close = jax.vmap(lambda source: is_near_curve(source, curves.x[i], near))(sources)
+            close = jax.vmap(lambda source: is_near_curve(source, curves.x[i], near, domain))(sources)
             return source, (least > 0) & close, jnp.sum(gap < 0) > candidates
 
         source, close, too_many = jax.lax.map(of_target, jnp.arange(M))

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain
 from ..numerics.arrays import VesicleNodes, VesiclePoints
 from ..potentials import close_laplace, close_stokes
 from ..potentials.close_laplace import CloseGeometry
@@ -28,8 +29,8 @@ class Pairwise(AbstractCoupling):
     together: bool = eqx.field(static=True, default=True)
     near: float = eqx.field(static=True, default=NEAR)
 
-    def between(self, curves: Curve, *, electric: bool) -> "PairMatrices":
-        return PairMatrices.of(curves, self.near, electric=electric)
+    def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> "PairMatrices":
+        return PairMatrices.of(curves, self.near, domain, electric=electric)
 
 
 class PairMatrices(AbstractPairMatrices):
@@ -42,10 +43,10 @@ class PairMatrices(AbstractPairMatrices):
     crowded: None = None
 
     @classmethod
-    def of(cls, curves: Curve, near: float, *, electric: bool) -> "PairMatrices":
+    def of(cls, curves: Curve, near: float, domain: AbstractDomain, *, electric: bool) -> "PairMatrices":
         """Builds the matrices of all pairs of the M membranes; pairs closer than `near` use close evaluation."""
         targets, sources = pair_frames(curves)
-        are_near = jax.vmap(lambda source, x: is_near_curve(source, x, near))(sources, targets.x)
+        are_near = jax.vmap(lambda source, x: is_near_curve(source, x, near, domain))(sources, targets.x)
         far = jax.vmap(lambda source, x: far_matrices(source, x, electric))(sources, targets.x)
 
         # One pair after the other, so that close evaluation is computed only for near pairs.

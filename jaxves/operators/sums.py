@@ -14,6 +14,7 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float
 
 from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain
 from ..numerics import fourier
 from ..numerics.arrays import VesicleNodes, VesiclePoints
 from ..potentials import far
@@ -40,8 +41,8 @@ class MatrixFree(AbstractCoupling):
     direct = False
     together = False
 
-    def between(self, curves: Curve, *, electric: bool) -> "Summation":
-        return Summation.of(curves, self, electric=electric)
+    def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> "Summation":
+        return Summation.of(curves, self, domain, electric=electric)
 
 
 class Summation(AbstractInteractions):
@@ -54,9 +55,9 @@ class Summation(AbstractInteractions):
     mesh: Mesh | None = eqx.field(static=True)
 
     @classmethod
-    def of(cls, curves: Curve, coupling: MatrixFree, *, electric: bool) -> "Summation":
+    def of(cls, curves: Curve, coupling: MatrixFree, domain: AbstractDomain, *, electric: bool) -> "Summation":
         """Builds the interactions of the M membranes in `curves`."""
-        near = NearPairs.of(curves, coupling.neighbours, coupling.near)
+        near = NearPairs.of(curves, coupling.neighbours, coupling.near, domain)
 
         @jax.checkpoint
         def matrices(row):

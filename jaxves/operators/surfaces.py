@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from ..geometry import curve as geometry
 from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain, Free
 from ..numerics import fourier
 from ..numerics.arrays import VesicleNodes, VesiclePoints
 from ..potentials.self_refined import Refinement, self_kernels
@@ -35,6 +36,7 @@ class Surfaces(eqx.Module):
         *,
         electric: bool,
         coupling: AbstractCoupling | None = None,
+        domain: AbstractDomain | None = None,
         refinement: Refinement | None = None,
     ) -> "Surfaces":
         """Computes geometry and kernels at nodes x.
@@ -45,7 +47,7 @@ class Surfaces(eqx.Module):
         interactions = None
         if coupling is not None:
             with jax.named_scope("interactions"):
-                interactions = coupling.between(curves, electric=electric)
+                interactions = coupling.between(curves, Free() if domain is None else domain, electric=electric)
         return cls(curves, own.laplace_slp, own.stokes_slp, own.laplace_slp_dn, interactions)
 
     def d_ds(self, f: Float[Array, "M N *rest"]) -> Float[Array, "M N *rest"]:
