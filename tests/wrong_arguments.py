@@ -169,7 +169,7 @@ WRONG = {
     "an average beyond the end": (lambda: jaxves.simulate(SCENE, 1.0, average=(0.5, 2.0)), "average = .*t_end"),
     "an average that goes back": (lambda: jaxves.simulate(SCENE, 1.0, average=(0.5, 0.2)), "average ="),
     "an average of one time": (lambda: jaxves.simulate(SCENE, 1.0, average=0.5), "average = 0.5"),
-    "neither end nor times": (lambda: jaxves.simulate(SCENE), "t_end = None, expected when the run ends"),
+    "neither end nor times": (lambda: jaxves.simulate(SCENE), "t_end = None, expected the end of the run"),
     "times and an end": (lambda: jaxves.simulate(SCENE, 1.0, times=[0.5, 1.0]), "t_end = 1.0, expected none"),
     "times and saves": (lambda: jaxves.simulate(SCENE, saves=2, times=[0.5, 1.0]), "saves = 2, expected none"),
     "times that go back": (lambda: jaxves.simulate(SCENE, times=[0.5, 0.2]), r"times\[1\] = 0.2, expected a flat list"),

@@ -1,7 +1,7 @@
-r"""Marching in time: what is saved at given instants, and an explicit end.
+r"""`simulate`: runs a scene and returns a result with a status.
 
-`simulate` is one pure function (jit, vmap, jvp, grad). Long runs call `advance` on one stretch of saved times after
-the other, with everything between in a `State`.
+`simulate` is one pure function (jit, vmap, jvp, grad). Long runs call `advance` for a few saved times after the other,
+with the state between the calls in a `State`.
 """
 
 import equinox as eqx
@@ -31,7 +31,7 @@ from .state import State
 
 
 class Result(eqx.Module):
-    """Saved instants (T,), states and diagnostics; rows after an early end hold NaN."""
+    """The result of a run. The first axis of arrays is the saved times (T,); rows after an early end are NaN."""
 
     t: Float[Array, "T"]
     x: Float[Array, "T M N 2"]
@@ -44,21 +44,21 @@ class Result(eqx.Module):
 
     @property
     def word(self) -> str:
-        """The status in a word (outside compiled code)."""
+        """The status word (outside compiled code)."""
         return status.WORDS[int(self.status)]
 
     @property
     def certificate(self) -> dict[str, Link]:
-        """How far each known property is from holding, by name, at worst over the saved rows (outside compiled code).
+        """The error estimates by name, each the largest over the saved rows (outside compiled code).
 
-        The error of the whole run is not among them: that takes a second run, which `jaxves.run` makes.
+        The error of the whole run is not among them. It needs a second run, which `jaxves.run` makes.
         """
         there = ~np.isnan(np.asarray(self.t))
         return certificate.certificate({name: np.asarray(value)[there] for name, value in self.diagnostics.items()})
 
     @property
     def digits(self) -> float:
-        """Correct digits by the weakest link of the certificate (outside compiled code)."""
+        """The number of correct digits by the weakest link of the certificate (outside compiled code)."""
         links = self.certificate
         return links[certificate.weakest(links)].digits
 
@@ -76,29 +76,30 @@ def simulate(
     solver: AbstractSolver | None = None,
     coupling: AbstractCoupling | None = None,
 ) -> Result:
-    """Runs a scene to `t_end` with equally spaced saved instants, or through the saved instants `times`.
+    """Runs a scene to `t_end` with equally spaced saved times, or to the last of the saved `times`.
 
     t = 0 is saved in both cases, as the first row of the result.
 
-    Pure: use it under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them. It is compiled once for
-    scenes of the same structure; `jax.jit` around the caller saves more. Where a run broke down, values are NaN and
-    their derivatives zero, so look at the status.
+    The function is pure. It can be used under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them.
+    It is jitted, and compiled once for scenes of the same structure. Use `jax.jit` for the caller as well to avoid
+    dispatch overhead. After the end of a run that broke down, values are NaN and their derivatives zero; check the
+    status.
 
     Args:
-        scene: what is simulated.
-        t_end: when it ends, in t_κ; not with `times`.
-        saves: number of saved instants besides t = 0, 50 where it is not given; not with `times`.
-        times: the saved instants after t = 0, in t_κ, in increasing order, (K,). The run ends at the last of them.
-        march: how steps are chosen; `Adaptive()` where it is not given.
-        average: a window (start, end) of time averages.
-        checks: limits beyond which a result is no result.
-        filter: modes that are removed; by the number of nodes where it is not given.
-        solver: of one membrane's charge; by size where it is not given.
-        coupling: of several membranes; by size where it is not given.
+        scene: the scene.
+        t_end: the end of the run, in t_κ; not together with `times`.
+        saves: number of saved times besides t = 0, 50 by default; not together with `times`.
+        times: the saved times after t = 0, in t_κ, in increasing order, (K,). The run ends at the last of them.
+        march: the method of choosing steps; `Adaptive()` by default.
+        average: the window (start, end) of time averages.
+        checks: limits for a valid result.
+        filter: the modes that are removed; the default depends on the number of nodes.
+        solver: solver for the charge of one membrane; the default depends on the number of nodes.
+        coupling: interactions of several membranes; the default depends on their size.
 
     Raises:
-        ValueError: an argument of the wrong kind, or a known value out of its bounds. Traced values that are out of
-            theirs end the run as `invalid`.
+        ValueError: an argument has the wrong type, or a known value is out of its bounds. Traced values that are out of
+            bounds end the run as `invalid`.
     """
     march = Adaptive() if march is None else march
     checks = Checks() if checks is None else checks
@@ -121,11 +122,11 @@ def _check_times(t_end, saves, times) -> None:
     if times is not None:
         for name, value in {"t_end": t_end, "saves": saves}.items():
             if value is not None:
-                raise refusal(name, value, "none beside times, which say it already")
+                raise refusal(name, value, "no such argument together with times")
         require_instants("times", times)
         return
     if t_end is None:
-        raise refusal("t_end", t_end, "when the run ends, unless times are given")
+        raise refusal("t_end", t_end, "the end of the run, or times instead")
     require("t_end", t_end, POSITIVE)
     if np.shape(t_end) != ():
         raise refusal("t_end", t_end, "one number")
@@ -150,7 +151,7 @@ def _check_average(average, t_end, times) -> None:
 
 @eqx.filter_jit
 def _simulated(scene, saved, march, average, checks, filter, solver, coupling) -> Result:
-    """The run through the instants `saved`, (K,), or a pair of the end and the number of equally spaced ones."""
+    """Runs a scene. `saved` are the saved times (K,), or a pair of the end and the number of equally spaced ones."""
     integrands = None if average is None else diagnostics.averaged
     equation = equation_for(scene, filter=filter, solver=solver, coupling=coupling, integrands=integrands)
     state = initial_state(equation, march, average)
@@ -171,7 +172,7 @@ def _simulated(scene, saved, march, average, checks, filter, solver, coupling) -
 
 
 def _judged(equation: Equation, t: Float[Array, "T"], found: dict[str, Array], code: Status) -> Status:
-    """INACCURATE where the rows that were saved say so, else `code`."""
+    """Returns INACCURATE if a link of the certificate of the saved rows has less than one digit, otherwise `code`."""
     there = ~jnp.isnan(t)
     # Rows after an early end repeat the first, so that they say nothing.
     rows = jax.tree.map(lambda a: jnp.where(there.reshape(-1, *[1] * (a.ndim - 1)), a, a[:1]), found)
