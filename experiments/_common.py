@@ -22,7 +22,6 @@ from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
 import jaxves
-from jaxves.base import status
 from jaxves.equation.equation import Equation, equation_for
 from jaxves.geometry import shapes
 from jaxves.observables.checks import Checks
@@ -30,17 +29,14 @@ from jaxves.observables.rows import Row
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.plots import run_plots
-from jaxves.stepping.loop import initial_state, stops_of
 from jaxves.stepping.march import AbstractMarch
-from jaxves.stepping.record import advance
+from jaxves.stepping.marching import Result, simulate
 from jaxves.stepping.state import State
 
 threadpool_limits(1, user_api="blas")
 
 HERE = Path(__file__).parent
-_advance = eqx.filter_jit(advance)
 _equation_for = eqx.filter_jit(equation_for)
-_initial_state = eqx.filter_jit(initial_state)
 
 
 def pop(N: int, *, reduced_area=0.9, beta=3.2, conductivity_ratio=0.1) -> Scene:
@@ -55,39 +51,23 @@ def treading(N: int) -> Scene:
     return make_scene(shapes.ellipse(N, 0.9, angle=jnp.deg2rad(20.0)), field=field, flow=Shear(10.0))
 
 
-def by_name(rows: Row) -> dict[str, np.ndarray]:
-    """The arrays of rows by name: t, x, tension, V_m where there is a field, and all diagnostics."""
+def by_name(rows: Row | Result) -> dict[str, np.ndarray]:
+    """The arrays of rows, or of a result, by name: t, x, tension, V_m where there is a field, and all diagnostics."""
     found = {"t": rows.t, "x": rows.x, "tension": rows.tension, "V_m": rows.V_m} | rows.diagnostics
     return {name: np.asarray(value) for name, value in found.items() if value is not None}
 
 
 def march(
-    setting: Scene,
-    method: AbstractMarch,
-    times,
-    *,
-    checks: Checks | None = None,
-    together: int = 1,
-    until: Callable[[dict[str, np.ndarray]], bool] | None = None,
-    **options,
+    setting: Scene, method: AbstractMarch, times, *, checks: Checks | None = None, **options
 ) -> tuple[State, dict[str, np.ndarray], Equation]:
-    """From t = 0 through `times`, `together` of them a call: one compilation serves every number of them.
+    """From t = 0 through `times`: the last state, the rows saved at `times` by name, and the equation.
 
-    After each call `until` looks at the rows saved up to then and may end the run. `options` are those of
-    `equation_for`. Returns the last state, the saved rows (early ends leave NaN or fewer rows) and the equation.
+    Rows after an early end are NaN. `options` are those of `equation_for`.
     """
-    equation = _equation_for(setting, **options)
-    state = _initial_state(equation, method)
     times = jnp.asarray(times, dtype=float)
-    rows = []
-    for i in range(0, len(times), together):
-        part = times[i : i + together]
-        state, row = _advance(equation, method, state, part, stops_of(setting, times[-1]), checks or Checks())
-        rows.append(by_name(row))
-        saved = jax.tree.map(lambda *parts: np.concatenate(parts), *rows)
-        if int(state.status) != status.RUNNING or (until is not None and until(saved)):
-            break
-    return state, saved, equation
+    result = simulate(setting, times=times, march=method, checks=checks, **options)
+    rows = {name: value[1:] for name, value in by_name(result).items()}
+    return result.state, rows, _equation_for(setting, **options)
 
 
 def interleaved(calls: dict[str, Callable], repeats: int) -> dict[str, list[float]]:

@@ -1,17 +1,26 @@
 """The scene of the paper's pairs and their time series, for experiments with two vesicles."""
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from experiments import _common
 from jaxves.base import status
+from jaxves.equation.equation import equation_for
 from jaxves.geometry import shapes
 from jaxves.observables import pair_classes
 from jaxves.observables.checks import Checks
 from jaxves.operators.interactions import AbstractCoupling
 from jaxves.physics.scene import Scene, dc_field, make_scene
 from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.loop import initial_state, stops_of
 from jaxves.stepping.march import AbstractMarch
+from jaxves.stepping.record import advance
+
+_advance = eqx.filter_jit(advance)
+_equation_for = eqx.filter_jit(equation_for)
+_initial_state = eqx.filter_jit(initial_state)
 
 FIELD = jnp.pi / 2  # direction of the field, and of the vesicles' major axes at the start
 _KEPT = (
@@ -114,9 +123,15 @@ def history(
         return (gap[-1] < thinnest and at_rest) or abs(angle[-1] - angle[0]) > turned
 
     march = Adaptive(1e-4) if march is None else march
-    state, rows, _ = _common.march(
-        setting, march, times, checks=checks, together=together, until=settled, coupling=coupling
-    )
+    equation = _equation_for(setting, coupling=coupling)
+    state, parts = _initial_state(equation, march), []
+    for i in range(0, len(times), together):
+        stops, part = stops_of(setting, times[-1]), jnp.asarray(times[i : i + together])
+        state, saved = _advance(equation, march, state, part, stops, checks or Checks())
+        parts.append(_common.by_name(saved))
+        rows = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
+        if int(state.status) != status.RUNNING or settled(rows):
+            break
     known = ~np.isnan(rows["t"])
     rows = {name: value[known] for name, value in rows.items()}
     angle, separation = _line(rows)

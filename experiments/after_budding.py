@@ -42,7 +42,7 @@ def run(betas=tuple(NECK), N=128, finer=192, tolerance=1e-5, t_end=1.0, saves=10
     times = t_end * np.arange(1, saves + 1) / saves
 
     def marched(scene, tolerance):
-        state, rows, equation = march(scene, Adaptive(tolerance), times, together=saves)
+        state, rows, equation = march(scene, Adaptive(tolerance), times)
         return state, {name: row[~np.isnan(rows["t"])] for name, row in rows.items()}, equation
 
     def apart(one, other):

@@ -125,7 +125,7 @@ def solve(name, N, method):
 def followed(name, scene, method):
     """Last state and rows, NaN from where it broke down, of a scene over the span and the instants of scene `name`."""
     _, t_end, saves, _ = SCENES[name]
-    state, rows, _ = march(scene, method, t_end * np.arange(1, saves + 1) / saves, checks=_ALL, together=saves)
+    state, rows, _ = march(scene, method, t_end * np.arange(1, saves + 1) / saves, checks=_ALL)
     return state, rows
 
 

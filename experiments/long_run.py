@@ -60,7 +60,7 @@ def run(
     methods |= {f"tolerance {tolerance:g}": Adaptive(tolerance) for tolerance in tolerances}
     found = {}
     for name, method in methods.items():
-        state, rows, equation = march(scene, method, times, together=saves)
+        state, rows, equation = march(scene, method, times)
         speed = rows["tank_treading_speed"]
         found[name] = {
             "status": status.WORDS[max(int(state.status), status.COMPLETE)],

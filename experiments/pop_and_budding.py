@@ -41,9 +41,9 @@ CASES = ((12.8, 192, 1e-5), (9.6, 192, 1e-5), (16.0, 256, 1e-5))
 CASES += tuple((beta, 128, 1e-4) for beta in (11.2, 12.0, 12.8, 13.6, 14.4, 16.0))
 
 
-def history(setting, times, tolerance=1e-4, together=5):
+def history(setting, times, tolerance=1e-4):
     """Returns the rows of a run at `times`, the numbers of steps, and the status."""
-    state, rows, _ = march(setting, Adaptive(tolerance), times, together=together)
+    state, rows, _ = march(setting, Adaptive(tolerance), times)
     rows = {name: row[~np.isnan(rows["t"])] for name, row in rows.items()}
     word = status.WORDS[max(int(state.status), status.COMPLETE)]
     return rows | {"steps": int(state.steps), "rejected": int(state.rejected), "status": word}

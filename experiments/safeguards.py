@@ -29,11 +29,11 @@ from jaxves.physics.scene import make_scene
 from jaxves.plots import run_plots
 from jaxves.potentials.self_refined import Refinement
 from jaxves.stepping.adaptive import Adaptive
-from jaxves.stepping.fixed import Fixed
 from jaxves.stepping.schemes import ARK4, ARK5
 
 from ._common import march, pop, save, store, styled, treading
 from ._distance import distances
+from ._schemes import Even
 from ._treading import Setting
 
 SCENES = {"POP": (pop, 0.3), "tank-treading": (treading, 0.2)}
@@ -48,7 +48,6 @@ QUICK = dict(
     scenes=("tank-treading",), variants=("both", "no projection"), N=64, sizes=(20,), reference=80, pop_end=0.01,
     controlled=("POP",), necks=(), edge=(), symmetric=(),
 )  # fmt: skip
-_AT_ONCE = 5
 _ALL = Checks(tail=np.inf, drift=np.inf)  # judged here by their error alone
 
 
@@ -59,10 +58,9 @@ def _filter(cut):
 def fixed(scene, t_end, variant, steps, stepper=None):
     """Returns final x and relative length error; None if the run breaks down."""
     projection, cut = VARIANTS[variant]
-    times = t_end * np.arange(1, steps // _AT_ONCE + 1) / (steps // _AT_ONCE)
-    method = Fixed(_AT_ONCE, stepper or ARK4(), projection)
-    _, rows, equation = march(scene, method, times, filter=_filter(cut), checks=_ALL)
-    if len(rows["t"]) < len(times) or not np.all(np.isfinite(rows["x"][-1])):
+    method = Even(steps, stepper or ARK4(), projection)
+    _, rows, equation = march(scene, method, [t_end], filter=_filter(cut), checks=_ALL)
+    if not np.all(np.isfinite(rows["x"][-1])):
         return None
     return {
         "x": rows["x"][-1],
@@ -121,7 +119,7 @@ def ended(scene, tolerance, t_end, saves=6, **options):
     """Returns the status, and the rows until the end."""
     times = t_end * np.arange(1, saves + 1) / saves
     method = Adaptive(tolerance, max_steps=3000)
-    state, rows, _ = march(scene, method, times, checks=_ALL, together=saves, **options)
+    state, rows, _ = march(scene, method, times, checks=_ALL, **options)
     kept = ~np.isnan(rows["t"])
     return status.WORDS[max(int(state.status), status.COMPLETE)], {name: row[kept] for name, row in rows.items()}
 
@@ -180,7 +178,7 @@ def at_the_edge(tolerances, N=96, t_end=20.0, saves=100):
     for tolerance in tolerances:
         found[tolerance] = {}
         for name, method in (("watched", Adaptive(tolerance)), ("plain", Adaptive(tolerance, edge_weight=0.0))):
-            state, rows, _ = march(scene, method, times, checks=_ALL, together=saves)
+            state, rows, _ = march(scene, method, times, checks=_ALL)
             late = {key: row[saves // 2 :, 0] for key, row in rows.items() if row.ndim > 1}
             found[tolerance][name] = {
                 "steps": int(state.steps) + int(state.rejected),

@@ -32,7 +32,7 @@ QUICK = dict(areas=(0.9,), cases=((32, 1e-4),), nearly_round=(0.97, 0.98, 0.99),
 def steady(reduced_area, N, tolerance, capillary_number=10.0, t_end=4.0):
     """Inclination (rad), [μ] and tank-treading speed at `t_end`; how much the first two changed in its last eighth."""
     setting = make_scene(shapes.ellipse(N, reduced_area, angle=0.8 * jnp.pi / 4), flow=Shear(capillary_number))
-    _, rows, _ = march(setting, Adaptive(tolerance), t_end * np.array([7 / 8, 1.0]), together=2)
+    _, rows, _ = march(setting, Adaptive(tolerance), t_end * np.array([7 / 8, 1.0]))
     names = {"inclination": "inclination", "viscosity": "effective_viscosity", "speed": "tank_treading_speed"}
     series = {name: rows[key].reshape(2) for name, key in names.items()}
     found = {name: float(values[-1]) for name, values in series.items()}

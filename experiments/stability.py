@@ -150,7 +150,7 @@ def solve(cell: Cell, N: int, tolerance: float):
     """The word of the end, the rows saved until then, the numbers of steps taken and rejected, and the last instant."""
     times = cell.t_end() * np.arange(1, _SAVES + 1) / _SAVES
     method = Adaptive(tolerance, max_steps=_BOUND)
-    state, rows, _ = march(cell.scene(N), method, times, together=_SAVES)
+    state, rows, _ = march(cell.scene(N), method, times)
     kept = ~np.isnan(rows["t"])
     word = status.WORDS[max(int(state.status), status.COMPLETE)]
     counts = int(state.steps), int(state.rejected)

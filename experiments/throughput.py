@@ -114,7 +114,7 @@ def whole_run(N, t_end=1.0, tolerance=1e-4, saves=20):
 
     def once():
         start = time.perf_counter()
-        state, _, _ = march(setting, Adaptive(tolerance), times, together=saves)
+        state, _, _ = march(setting, Adaptive(tolerance), times)
         return time.perf_counter() - start, state
 
     first = once()[0]

@@ -23,6 +23,7 @@ from ..observables.checks import Checks
 from ..observables.observing import observe
 from ..operators.interactions import AbstractCoupling
 from ..physics.scene import Scene
+from ..potentials.self_refined import Refinement
 from .adaptive import Adaptive
 from .loop import initial_state, stops_of
 from .march import AbstractMarch
@@ -75,6 +76,8 @@ def simulate(
     filter: Filter | None = None,
     solver: AbstractSolver | None = None,
     coupling: AbstractCoupling | None = None,
+    refinement: Refinement | None = None,
+    keep_symmetry: bool = True,
 ) -> Result:
     """Runs a scene to `t_end` with equally spaced saved times, or to the last of the saved `times`.
 
@@ -96,6 +99,8 @@ def simulate(
         filter: the modes that are removed; the default depends on the number of nodes.
         solver: solver for the charge of one membrane; the default depends on the number of nodes.
         coupling: interactions of several membranes; the default depends on their size.
+        refinement: finer grids where a membrane comes close to itself; up to 8 times finer by default.
+        keep_symmetry: whether a single vesicle that starts symmetric is kept symmetric.
 
     Raises:
         ValueError: an argument has the wrong type, or a known value is out of its bounds. Traced values that are out of
@@ -108,7 +113,8 @@ def simulate(
     _check_average(average, t_end, times)
     average = None if average is None else as_float(average)
     saved = (as_float(t_end), 50 if saves is None else saves) if times is None else as_float(times)
-    return _simulated(scene, saved, march, average, checks, filter, solver, coupling)
+    options = dict(filter=filter, solver=solver, coupling=coupling, refinement=refinement, keep_symmetry=keep_symmetry)
+    return _simulated(scene, saved, march, average, checks, options)
 
 
 def _check_kinds(scene, march, checks) -> None:
@@ -150,10 +156,10 @@ def _check_average(average, t_end, times) -> None:
 
 
 @eqx.filter_jit
-def _simulated(scene, saved, march, average, checks, filter, solver, coupling) -> Result:
+def _simulated(scene, saved, march, average, checks, options) -> Result:
     """Runs a scene. `saved` are the saved times (K,), or a pair of the end and the number of equally spaced ones."""
     integrands = None if average is None else diagnostics.averaged
-    equation = equation_for(scene, filter=filter, solver=solver, coupling=coupling, integrands=integrands)
+    equation = equation_for(scene, integrands=integrands, **options)
     state = initial_state(equation, march, average)
     first = observe(equation, state.t, state.y, state.angle, state.time_error)
     code = jnp.maximum(checks.judge(equation, state.t, state.y, first), state.status)
