@@ -2,6 +2,7 @@
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,9 +13,11 @@ from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import extremes, shapes
 from jaxves.numerics import fourier
-from jaxves.observables import diagnostics
+from jaxves.observables import diagnostics, registry
 from jaxves.observables.checks import Checks
+from jaxves.observables.quantities import QUANTITIES
 from jaxves.observables.rows import Row
+from jaxves.physics.flow import Shear
 from jaxves.physics.scene import dc_field, make_scene
 
 DIRECTION = np.array([0.6, 0.8])
@@ -110,3 +113,32 @@ def test_the_film_error_tells_how_wrong_the_drainage_is(gap):
         error = abs(found["gap_rate"] / exact["gap_rate"] - 1)
         assert 0.1 < found["film_error"] / error < 10
         assert (code == status.UNRESOLVED) == (found["film_error"] > 0.1)
+
+
+def test_every_quantity_has_one_function_which_gives_it():
+    """Over scenes with everything; what needs earlier times is computed elsewhere."""
+    given = [name for group in registry.GROUPS for name in group.names]
+    assert sorted(given) == sorted(set(QUANTITIES) - {"inclination_unwrapped", "time_error"})
+    seen = {}
+    field = dc_field(3.2, conductivity_ratio=0.1)
+    for vesicles in (2, 3):
+        centers = [[3.0 * m, 0.0] for m in range(vesicles)]
+        scene = make_scene([shapes.ellipse(32, 0.9)] * vesicles, centers=centers, field=field, flow=Shear(1.0))
+        equation = equation_for(scene)
+        y = equation.start()
+        motion = eqx.filter_jit(equation.motion)(jnp.zeros(()), y)
+        instant, found = registry.Instant(equation, jnp.zeros(()), y, motion), {}
+        for group in registry.GROUPS:
+            new = group.formula(instant, found)
+            assert set(new) <= set(group.names), group.formula
+            found |= new
+        for name, value in found.items():
+            each = "vesicle" in QUANTITIES[name].dims
+            seen[name] = value.shape == (vesicles,) * each + (2,) * (len(QUANTITIES[name].dims) - 1 - each)
+    assert set(seen) == set(given) and all(seen.values()), seen
+
+
+def test_a_name_that_is_unknown_or_taken_cannot_be_registered():
+    for name in ("areas", "area"):
+        with pytest.raises(ValueError, match=f"gives: '{name}', expected a name"):
+            registry.gives(name)

@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from ..base.arguments import require_count
 from ..inputs.parameters import check_numbers
-from ..inputs.scene_tables import SceneFile
+from ..inputs.scene_files import Readable, read_scene
 from ..numerics.arrays import as_float
 from ..stepping.march import AbstractMarch
 from . import boxes
@@ -48,7 +48,7 @@ class Fit(NamedTuple):
 
 
 def fit(
-    scene_file: SceneFile,
+    scene_file: Readable,
     bounds: Mapping[str, tuple[float, float]],
     observations: Observations,
     *,
@@ -63,7 +63,7 @@ def fit(
     """Returns the numbers named in `bounds` with which the scene agrees best with `observations`.
 
     Args:
-        scene_file: the scene that was observed.
+        scene_file: the scene that was observed: read, or as a path, a built-in name or tables.
         bounds: (lower, upper) for each number to be found, by its name, such as "field.beta".
         observations: what was observed.
         starts: how many searches to make: from the scene's own numbers, and from more points within the bounds. Or the
@@ -84,6 +84,7 @@ def fit(
             to another fit.
         SceneError: the scene has no number of such a name.
     """
+    scene_file = read_scene(scene_file)
     inside = boxes.boxes(bounds)
     model = Model.of(scene_file, observations, march)
     for name, box in inside.items():

@@ -5,6 +5,6 @@ options         their arguments and options
 console         exit statuses, and lines on the terminal
 interrupts      Ctrl-C, SIGTERM, `--max-time`
 long_runs       progress bars and the end of runs and sweeps
-pictures        figures of result files
+pictures        which figures of a result file are drawn by default, and drawing them
 run_summary, sweep_summary, units_report    the text that `show` and `units` print
 """

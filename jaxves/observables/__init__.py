@@ -1,14 +1,15 @@
 """Quantities computed from a state, a time series or a run.
 
 quantities      names, units and axes of the diagnostics; no JAX
-diagnostics     deformation, tension, energy, gaps and others at one instant
-rows            what is saved of one instant; no JAX
+registry        how a function registers as the one that computes some of the quantities
+of_membranes, of_field, of_suspension   the functions: of each membrane, in a field, of all vesicles
+diagnostics     calls them all for one instant; time averages
+rows            everything that is saved at one time
 observing       computes a row from a state
-checks          limits beyond which a saved instant is no result
+crossings       whether curves cross themselves or each other
+checks          limits of a result, and the conditions that end a run early
 classes         the class (P, O or POP) of a time series; no JAX
 pair_classes    the same for pairs of vesicles; no JAX
-rows            everything that is saved at one time
-checks          limits of a result, and the end of a run
-certificate     error estimates of a run; no JAX
+certificate     error estimates of a run, and whether it is inaccurate; no JAX
 fields          velocity, pressure and electric field at any points
 """

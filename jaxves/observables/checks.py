@@ -12,7 +12,7 @@ from ..equation.state import Motion, Unknowns, verdict
 from ..geometry.curve import Curve
 from ..numerics.arrays import Scalar, Status
 from ..potentials import self_refined
-from . import diagnostics
+from .crossings import collides, crosses_itself
 from .rows import Row
 
 
@@ -46,7 +46,7 @@ class Checks(eqx.Module):
         code = jnp.where(jnp.maximum(area, length) > self.drift, status.DRIFT, code)
         solved = verdict(row.diagnostics["residual"])
         code = jnp.where(solved == status.RUNNING, code, solved)
-        crossed = jnp.any(jax.vmap(lambda x: diagnostics.crosses_itself(Curve.from_nodes(x)))(y.x))
+        crossed = jnp.any(jax.vmap(lambda x: crosses_itself(Curve.from_nodes(x)))(y.x))
         code = jnp.where(crossed, status.SELF_CONTACT, code)
         if y.x.shape[0] > 1:
             code = self._of_several(y, row, code)
@@ -59,7 +59,7 @@ class Checks(eqx.Module):
         thin = row.diagnostics["min_gap"] < jnp.max(jax.vmap(lambda curve: curve.weights)(curves))
         unresolved = thin & (row.diagnostics["film_error"] > self.film)
         code = jnp.where((code < status.UNRESOLVED) & unresolved, status.UNRESOLVED, code)
-        return jnp.where(diagnostics.collides(curves), status.COLLISION, code)
+        return jnp.where(collides(curves), status.COLLISION, code)
 
 
 def _speed_of_shape(motion: Motion, y: Unknowns) -> Scalar:

@@ -1,4 +1,4 @@
-"""Layer potentials of one curve: on the curve, close to it, and far from it.
+"""Layer potentials of one curve: on the curve, close to it, and far from it. `slp`: single layer, `dlp`: double layer.
 
 kernels                             free-space kernels of the Laplace and Stokes equations
 chords                              differences of nodes, and the limits of kernels on the diagonal

@@ -2,6 +2,8 @@ r"""Laplace layer potentials of one curve at targets at any distance from it (cl
 
     S[q] = ∮ G(x-y) q ds,    D[V] = ∮ ∂G(x-y)/∂n_y V ds,    G(r) = -log|r|/2π,    D[1] = -1 inside, 0 outside
 
+S is the single layer and D the double layer; n points outward.
+
 With complex z for x and ν for n, ds = dy/iν, both are real parts of Cauchy integrals C (see `cauchy`):
 
     D[V]   = -Re C[V]                                           ∇D[V] ↔ -C[dV/dy]

@@ -4,5 +4,5 @@ case_summary    what a sweep keeps of one case
 batches         many cases in one compiled program
 refinement      where a phase diagram needs more cases
 processes       several processes, one sweep
-sweeping        `sweep`
+sweeping        `sweep`: which cases are due, also after an interruption, and their results into the file
 """

@@ -74,8 +74,7 @@ def sweep(
 
     Args:
         source: a sweep file, its tables, or what `sweep_files.parse` returned. A value that no scene may have is an
-        error
-            if it stands in a file. In tables it marks its cases as refused.
+            error if it stands in a file. In tables it marks its cases as refused.
         path: the result file.
         force: replace the file if it exists.
         resume: continue the file.
@@ -89,7 +88,8 @@ def sweep(
     Raises:
         SceneError: the input is invalid, or a case does not fit into memory.
         StoreError: the file exists, belongs to another sweep, is being written by another process, or cannot be
-        written. LostFile: the file was removed or replaced during the sweep; a copy has its content.
+            written.
+        LostFile: the file was removed or replaced during the sweep; a copy has its content.
     """
     path = real(path)
     strict = isinstance(source, str | Path)

@@ -1,0 +1,48 @@
+"""Diagnostics of the membranes in a field: dipole, charge, electric torque, deformation along the field."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..geometry import curve as geometry
+from ..geometry.curve import Curve
+from .registry import Instant, gives
+
+
+def angle_of(vector: Array) -> Array:
+    """Returns the angle of a vector from x, in (-π, π]; 0 with derivative 0 for the zero vector."""
+    nothing = jnp.all(vector == 0)
+    return jnp.arctan2(jnp.where(nothing, 0.0, vector[1]), jnp.where(nothing, 1.0, vector[0]))
+
+
+@gives(
+    "dipole",
+    "dipole_angle",
+    "charge",
+    "torque",
+    "traction_ratio",
+    "deformation_along_field",
+    needed=lambda scene: scene.field is not None,
+)
+def of_field(instant: Instant, found) -> dict[str, Array]:
+    """What the field does to every membrane."""
+    curves, electric = instant.motion.surfaces.curves, instant.motion.electric
+    out = jax.vmap(_of_membrane)(curves, electric.charge, instant.y.V_m, electric.traction)
+    direction = instant.scene.field.unit_direction()
+    out["deformation_along_field"] = jax.vmap(geometry.deformation, in_axes=(0, None))(curves, direction)
+    return out
+
+
+def _of_membrane(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
+    arm = curve.x - geometry.centroid(curve)
+    weights = curve.weights
+    tangential = jnp.abs(jnp.sum(f_el * curve.tangent, axis=-1))
+    across = jnp.sum(jnp.abs(jnp.sum(f_el * curve.normal, axis=-1)) * weights)
+    dipole = jnp.sum((q[:, None] * arm - V_m[:, None] * curve.normal) * weights[:, None], axis=0)
+    return {
+        "dipole": dipole,
+        "dipole_angle": angle_of(dipole),
+        "charge": jnp.sum(q * weights),
+        "torque": jnp.sum(weights * (arm[:, 0] * f_el[:, 1] - arm[:, 1] * f_el[:, 0])),
+        "traction_ratio": jnp.sum(tangential * weights) / jnp.where(across > 0, across, 1.0),
+    }

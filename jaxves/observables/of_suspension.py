@@ -1,0 +1,83 @@
+"""Diagnostics of all vesicles together: distances, stress and viscosity, energy balance."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..equation.state import Motion
+from ..geometry import curve as geometry
+from ..geometry import extremes
+from ..geometry.curve import Curve
+from ..operators.interactions import over_pairs
+from ..physics import membrane
+from .of_field import angle_of
+from .registry import Instant, gives
+
+
+def stress(motion: Motion) -> Array:
+    """Returns the particle stress tensor (2, 2). Its value does not depend on the origin of the positions."""
+    curves = motion.surfaces.curves
+    centers = jax.vmap(geometry.centroid)(curves)
+    arm = (curves.x - jnp.mean(centers, axis=0)) * curves.weights[..., None]
+    return -jnp.einsum("mna,mnb->ab", motion.f_hd, arm) / jnp.sum(jax.vmap(geometry.area)(curves))
+
+
+@gives("stress", "effective_viscosity")
+def of_stress(instant: Instant, found) -> dict[str, Array]:
+    """Particle stress, and in a flow the intrinsic viscosity."""
+    out = {"stress": stress(instant.motion)}
+    if instant.scene.flow is not None:
+        out["effective_viscosity"] = instant.scene.flow.effective_viscosity(out["stress"])
+    return out
+
+
+@gives(
+    "min_gap",
+    "film_error",
+    "separation",
+    "line_angle",
+    "neighbor_distance",
+    needed=lambda scene: scene.x.shape[0] > 1,
+)
+def of_distances(instant: Instant, found) -> dict[str, Array]:
+    """The thinnest film; the line of centres of two vesicles, the nearest neighbour of each of more."""
+    domain, center = instant.equation.domain, found["center"]
+    least = jnp.min(over_pairs(extremes.gap, instant.motion.surfaces.curves))
+    out = {"min_gap": least, "film_error": jnp.max(found["tension_tail"]) / (2 * least) ** 2}
+    if center.shape[0] == 2:
+        line = domain.displacement(center[0], center[1])
+        return out | {"separation": jnp.hypot(line[0], line[1]), "line_angle": angle_of(line)}
+    apart2 = jnp.sum(domain.displacement(center[:, None], center[None]) ** 2, axis=-1)
+    itself = jnp.eye(center.shape[0], dtype=bool)
+    return out | {"neighbor_distance": jnp.sqrt(jnp.min(jnp.where(itself, jnp.inf, apart2), axis=1))}
+
+
+@gives("power_flow", "power_electric", "dissipation", "power_balance")
+def of_powers(instant: Instant, found) -> dict[str, Array]:
+    """The terms of the energy balance."""
+    t, y, motion, scene = instant.t, instant.y, instant.motion, instant.scene
+    curves = motion.surfaces.curves
+    weights = curves.weights[..., None]
+
+    def energy(x):
+        return jnp.sum(jax.vmap(lambda x, k: membrane.bending_energy(Curve.from_nodes(x), k))(x, scene.bending))
+
+    _, energy_rate = jax.jvp(energy, (y.x,), (motion.velocity,))
+    out = {}
+    disturbance = motion.velocity
+    if scene.flow is not None:
+        imposed = scene.flow.velocity(y.x, t)
+        disturbance = disturbance - imposed
+        out["power_flow"] = -jnp.sum(weights * motion.f_hd * imposed)
+    if scene.field is not None:
+        out["power_electric"] = -jnp.sum(weights * motion.electric.traction * motion.velocity)
+    supplied = sum(out.values(), start=jnp.zeros(()))
+    out["dissipation"] = jnp.sum(weights * motion.f_hd * disturbance)
+    out["power_balance"] = energy_rate + out["dissipation"] - supplied
+    return out
+
+
+@gives("residual")
+def of_solves(instant: Instant, found) -> dict[str, Array]:
+    """The worst residual of the linear solves."""
+    return {"residual": instant.motion.residual}
