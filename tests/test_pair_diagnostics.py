@@ -12,6 +12,7 @@ from jaxves.base import status
 from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import extremes, shapes
+from jaxves.geometry.curve import Curve
 from jaxves.numerics import fourier
 from jaxves.observables import diagnostics, registry
 from jaxves.observables.checks import Checks
@@ -42,7 +43,7 @@ def _diagnosing(N, M):
         return found | {"gap_rate": rate}
 
     def _gap(x):
-        return extremes.gap(*(diagnostics.Curve.from_nodes(x) for x in x[:2]))
+        return extremes.gap(*(Curve.from_nodes(x) for x in x[:2]))
 
     def call(x, V_m):
         found, code = diagnose(x, V_m)
@@ -102,7 +103,7 @@ def test_the_film_error_tells_how_wrong_the_drainage_is(gap):
     tip = 2 * 1.2577 + gap  # to be adjusted to the gap asked for
     centers = np.array([[0.0, 0.0], tip * DIRECTION])
     x, _ = placed(64, centers)
-    first, second = (jax.vmap(diagnostics.Curve.from_nodes)(x[m][None]) for m in (0, 1))
+    first, second = (jax.vmap(Curve.from_nodes)(x[m][None]) for m in (0, 1))
     now = jax.jit(jax.vmap(extremes.gap))(first, second)[0]
     centers[1] += (gap - now) * DIRECTION
     exact, resolved = _diagnosing(160, 2)(*placed(160, centers))
