@@ -22,13 +22,14 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..equation.equation import Equation, equation_for
-from ..equation.state import Motion, Unknowns
+from ..equation.state import Unknowns
 from ..geometry import curve as geometry
 from ..geometry.curve import Curve
 from ..numerics import fourier
 from ..numerics.arrays import Scalar
 from ..numerics.linear import AbstractSolver
 from ..observables import diagnostics
+from ..observables.outline import rates_on_outline
 from ..physics.scene import Scene
 
 _SETTLED = 1e-8  # the iteration has converged if the last change is smaller
@@ -50,39 +51,27 @@ class Steady(eqx.Module):
         return self.last_step < _SETTLED
 
 
-def _along_outline(motion: Motion, y: Unknowns):
-    """Returns the normal velocity (N,) and the rate of V_m (N,), or None, at fixed places on the outline."""
-    curves = motion.surfaces.curves
-    weights = curves.weights[..., None] / jnp.sum(curves.weights)
-    relative = motion.velocity - jnp.sum(weights * motion.velocity, axis=1, keepdims=True)
-    normal = jnp.sum(relative * curves.normal, axis=-1)
-    if y.V_m is None:
-        return normal[0], None
-    carried = jnp.sum(relative * curves.tangent, axis=-1) * motion.surfaces.d_ds(y.V_m)
-    return normal[0], (motion.rates["V_m"] - carried)[0]
-
-
 def _residual(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R"]:
     """Returns the residuals of all equations. `anchor` is the outline that defines centroid and first node."""
     filter = equation.filter
     motion = equation.motion(jnp.zeros(()), y)
     outline = jax.tree.map(lambda leaf: leaf[0], motion.surfaces.curves)
-    normal, V_rate = _along_outline(motion, y)
+    normal, rates = rates_on_outline(motion, y)
     x, N = y.x[0], y.x.shape[1]
     slip = jnp.mean(jnp.sum((x - anchor.x) * anchor.tangent, axis=-1))
     parts = [
-        fourier.low_pass(normal, filter.x),
+        fourier.low_pass(normal[0], filter.x),
         fourier.low_pass(outline.speed / equation.speed[0] - 1, filter.surface),
         jnp.ravel(fourier.high_modes(N, filter.x).T @ x),
         geometry.area(outline) / equation.area - 1,
         geometry.centroid(outline) - geometry.centroid(anchor),
         slip[None],
     ]
-    if V_rate is not None:
+    for name, scalar in y.scalars.items():
         parts += [
-            fourier.low_pass(V_rate, filter.surface),
-            fourier.high_modes(N, filter.surface).T @ y.V_m[0],
-            jnp.mean(y.V_m[0])[None],
+            fourier.low_pass(rates[name][0], filter.surface),
+            fourier.high_modes(N, filter.surface).T @ scalar[0],
+            jnp.mean(scalar[0])[None],
         ]
     return jnp.concatenate(parts)
 

@@ -6,6 +6,7 @@ of_membranes, of_field, of_suspension   the functions: of each membrane, in a fi
 diagnostics     calls them all for one instant; time averages
 rows            everything that is saved at one time
 observing       computes a row from a state
+outline         how fast shapes and scalars change at fixed places on the outlines
 crossings       whether curves cross themselves or each other
 checks          limits of a result, and the conditions that end a run early
 classes         the class (P, O or POP) of a time series; no JAX

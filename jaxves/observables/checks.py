@@ -8,11 +8,12 @@ import numpy as np
 from ..base import status
 from ..equation.equation import Equation
 from ..equation.norms import ROUGH
-from ..equation.state import Motion, Unknowns, verdict
+from ..equation.state import Unknowns, verdict
 from ..geometry.curve import Curve
 from ..numerics.arrays import Scalar, Status
 from ..potentials import self_refined
 from .crossings import collides, crosses_itself
+from .outline import rates_on_outline
 from .rows import Row
 
 
@@ -33,9 +34,9 @@ class Checks(eqx.Module):
         """Returns the status for one saved row: RUNNING, or why the run ends."""
         code = jnp.int32(status.RUNNING)
         if self.steady is not None:
-            motion = equation.motion(t, y)
-            still = _speed_of_shape(motion, y) < self.steady
-            code = jnp.where(still & (t > 0), status.STEADY, code)
+            changes = jax.tree.leaves(rates_on_outline(equation.motion(t, y), y))
+            fastest = jnp.max(jnp.stack([jnp.max(jnp.abs(change)) for change in changes]))
+            code = jnp.where((fastest < self.steady) & (t > 0), status.STEADY, code)
         unresolved = jnp.max(row.diagnostics["spectral_tail"]) > self.tail
         # The neck or fold is too narrow for the self-interaction kernels.
         spacing = 2 * np.pi * equation.speed / y.x.shape[1]
@@ -60,18 +61,3 @@ class Checks(eqx.Module):
         unresolved = thin & (row.diagnostics["film_error"] > self.film)
         code = jnp.where((code < status.UNRESOLVED) & unresolved, status.UNRESOLVED, code)
         return jnp.where(collides(curves), status.COLLISION, code)
-
-
-def _speed_of_shape(motion: Motion, y: Unknowns) -> Scalar:
-    """Returns the largest rate of change of shape and potential at fixed places on the outline.
-
-    It is zero for steady tank-treading.
-    """
-    curves = motion.surfaces.curves
-    weights = curves.weights[..., None] / jnp.sum(curves.weights, axis=1)[:, None, None]
-    relative = motion.velocity - jnp.sum(weights * motion.velocity, axis=1, keepdims=True)
-    speed = jnp.max(jnp.abs(jnp.sum(relative * curves.normal, axis=-1)))
-    if y.V_m is None:
-        return speed
-    carried = jnp.sum(relative * curves.tangent, axis=-1) * motion.surfaces.d_ds(y.V_m)
-    return jnp.maximum(speed, jnp.max(jnp.abs(motion.rates["V_m"] - carried)))
