@@ -20,6 +20,7 @@ import scipy.sparse.linalg
 from matplotlib.figure import Figure
 
 from jaxves.equation.inextensible import TensionBlock
+from jaxves.equation.mobility import EqualViscosities
 from jaxves.geometry import shapes
 from jaxves.numerics import fourier
 from jaxves.numerics.linear import GMRES, Dense, LinearOperator
@@ -78,8 +79,9 @@ def tension_operator(surfaces, *, dense: bool, preconditioned: bool = True) -> L
     curve = surfaces.curves
     N = curve.speed.shape[0]
     if dense:
-        block = TensionBlock.of(curve, surfaces.laplace_slp, surfaces.stokes_slp, False, _CUT)
-        return LinearOperator(block.stiffness, positive_definite=True)
+        of_one = jax.tree.map(lambda leaf: leaf[None], surfaces)
+        pull = jax.tree.map(lambda leaf: leaf[0], EqualViscosities().own_of_derivative(of_one))
+        return LinearOperator(TensionBlock.of(curve, pull, False, _CUT).stiffness, positive_definite=True)
 
     def action(sigma):
         low = fourier.low_pass(sigma, _CUT)
