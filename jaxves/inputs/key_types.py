@@ -49,7 +49,6 @@ def optional_key(declared: Number) -> Any:
 
 Finite = number(bounds.FINITE)
 Positive = number(bounds.POSITIVE)
-NotNegative = number(bounds.NOT_NEGATIVE)
 Tolerance = number(bounds.TOLERANCE)
 Count = Annotated[int, Field(ge=1), Expect("a whole number >= 1")]
 NodeCount = Annotated[

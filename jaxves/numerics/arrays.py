@@ -8,7 +8,7 @@ physical number can be differentiated and batched.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Float, Int
 
 Scalar = Float[Array, ""]
 Nodes = Float[Array, "N"]
@@ -20,7 +20,6 @@ VesiclePoints = Float[Array, "M N 2"]
 Points = Float[Array, "P 2"]
 ScalarLike = float | int | Scalar
 Status = Int[Array, ""]
-ComplexNodes = Complex[Array, "N"]
 
 
 def as_float(value) -> Float[Array, "..."]:
