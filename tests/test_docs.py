@@ -1,24 +1,54 @@
-"""The API reference can be built, and the package says who to cite."""
+"""The website can be built, its references are complete, and the package says who to cite."""
 
+import os
+import pydoc
 import re
 import runpy
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 
 import jaxves
+from jaxves.base import physical_numbers
+from jaxves.cli import commands
+from jaxves.observables.quantities import QUANTITIES
 
 ROOT = Path(__file__).parent.parent
+PAGES = str(ROOT / "docs" / "generated_pages.py")
 
 
-def test_the_api_reference_has_a_page_for_each_module(tmp_path):
-    runpy.run_path(str(ROOT / "docs" / "api.py"))["build"](tmp_path)
-    package = ROOT / "jaxves"
-    modules = [file.relative_to(package).with_suffix("") for file in package.glob("*/*.py")]
-    pages = [f"{module.parent if module.name == '__init__' else module}.html" for module in modules]
-    assert len(pages) > 100 and [page for page in pages if not (tmp_path / "jaxves" / page).exists()] == []
-    assert "Runs a scene to" in (tmp_path / "jaxves.html").read_text()
+def test_the_website_is_built_without_a_warning(tmp_path):
+    """As `docs/website.py` builds it, but pages are read and not written."""
+    command = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--quiet", "-b", "dummy", "-c", "docs"]
+    quiet = os.environ | {"PYTHONWARNINGS": "ignore"}
+    found = subprocess.run([*command, ".", str(tmp_path)], cwd=ROOT, env=quiet, capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+
+
+def test_the_references_have_every_key_quantity_command_and_name():
+    pages = runpy.run_path(PAGES)["pages"]()
+    scene = pages["reference/scene-file.md"]
+    assert [n.name for n in physical_numbers.NUMBERS if f"`{n.name}`" not in scene or f"`{n.key}`" not in scene] == []
+    assert [name for name in QUANTITIES if f"`/diagnostics/{name}`" not in pages["reference/result-file.md"]] == []
+    named = [command.name or command.callback.__name__ for command in commands.app.registered_commands]
+    assert [name for name in named if f"## `jaxves {name}`" not in pages["reference/command-line.md"]] == []
+    assert [n for n in jaxves.__all__ if n != "plots" and f":: jaxves.{n}" not in pages["reference/python.md"]] == []
+    experiments = [name for name in pages if name.startswith("validation/experiments/")]
+    assert len(experiments) > 35
+
+
+def test_every_key_of_a_scene_file_has_a_meaning():
+    tables = re.findall(r"^\| `(\w+)` \| ([^|]*) \|", runpy.run_path(PAGES)["scene_file"](), re.MULTILINE)
+    assert len(tables) > 40 and [key for key, meaning in tables if not meaning.strip()] == []
+
+
+def test_every_function_that_a_page_links_to_exists():
+    for page in (ROOT / "docs").rglob("*.md"):
+        for target in re.findall(r"\{py:\w+\}`([\w.]+)`", page.read_text(encoding="utf-8")):
+            assert pydoc.locate(target) is not None, f"{page.name}: {target}"
 
 
 def test_the_table_of_experiments_is_what_its_command_prints():

@@ -1,4 +1,4 @@
-"""The Python of the README runs as it stands."""
+"""The README is short, its Python runs as it stands, and what pages call and name exists."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,18 @@ import pytest
 import jaxves
 from jaxves.base import status
 
-README = Path(__file__).parent.parent / "README.md"
+ROOT = Path(__file__).parent.parent
+README = ROOT / "README.md"
+WRITTEN = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("[hpst]*/*.md")]  # not those that are generated
+PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in WRITTEN)]
+
+
+def test_the_readme_is_short_and_has_the_commands_to_set_up():
+    text = README.read_text(encoding="utf-8")
+    assert text.count("\n") <= 130
+    assert "python -m venv .venv && . .venv/bin/activate && python -m pip install ." in text
+    assert "jaxves run pop --out pop.h5 && jaxves plot pop.h5" in text
+    assert 'python -m pip install ".[dev]" && python -m pytest' in text
 
 
 def test_the_python_of_the_readme_runs(capsys):
@@ -25,7 +36,7 @@ def test_the_python_of_the_readme_runs(capsys):
     assert np.isfinite(float(printed.splitlines()[-1]))
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/which-experiments.md", "docs/claims.md"])
+@pytest.mark.parametrize("page", PAGES)
 def test_what_a_page_calls_can_be_called(page):
     """Every `jaxves.NAME(` of the page, and every `jaxves.NAME` is there."""
     text = (README.parent / page).read_text(encoding="utf-8")
@@ -38,8 +49,8 @@ def test_what_a_page_calls_can_be_called(page):
         assert hasattr(jaxves, name), name
 
 
-def test_the_readme_lists_every_status_that_a_run_can_end_with():
-    text = README.read_text(encoding="utf-8")
+def test_a_page_lists_every_status_that_a_run_can_end_with():
+    text = (ROOT / "docs" / "howto" / "status-words.md").read_text(encoding="utf-8")
     assert [word for word in status.WORDS.values() if word != "running" and f"`{word}`" not in text] == []
 
 

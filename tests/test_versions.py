@@ -18,10 +18,14 @@ from jaxves.sweeps import processes
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DECLARED = {"jaxves": PROJECT["dependencies"], "dev": PROJECT["optional-dependencies"]["dev"]}
+OTHERS = [one for name, extra in PROJECT["optional-dependencies"].items() if name != "dev" for one in extra]
 # Modules with another name than the distribution; `pydantic` requires exactly one release of `pydantic-core`.
 INSTALLED_BY = {"pydantic_core": "pydantic", "PIL": "pillow"}
 # JAX and xarray load these, and the tests run these.
-NOT_IMPORTED = {"jaxlib", "h5netcdf", "netCDF4", "beartype", "ipykernel", "pytest-xdist", "ruff", "import-linter"}
+NOT_IMPORTED = {
+    *("jaxlib", "h5netcdf", "netCDF4", "beartype", "ipykernel", "pytest-xdist", "ruff", "import-linter"),
+    *("furo", "myst-nb", "sphinx-copybutton"),
+}
 
 
 def names(requirements):
@@ -37,7 +41,7 @@ def imported(*folders):
                 found |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 found.add(node.module.partition(".")[0])
-    ours = {"jaxves", "experiments", "tests"} | {path.stem for path in (ROOT / "tests").glob("*.py")}
+    ours = {"jaxves", "experiments", "tests"} | {p.stem for of in ("tests", "docs") for p in (ROOT / of).glob("*.py")}
     return {INSTALLED_BY.get(name, name).replace("_", "-") for name in found - ours - sys.stdlib_module_names}
 
 
@@ -54,8 +58,12 @@ def test_tests_and_experiments_import_what_the_dev_extra_requires_and_nothing_el
     assert names(DECLARED["dev"]) - used <= NOT_IMPORTED
 
 
+def test_the_dev_extra_has_all_others():
+    assert set(OTHERS) <= set(DECLARED["dev"])
+
+
 def test_every_requirement_has_a_lower_bound_and_no_other():
-    for requirement in DECLARED["jaxves"] + DECLARED["dev"]:
+    for requirement in DECLARED["jaxves"] + DECLARED["dev"] + OTHERS:
         assert re.fullmatch(r"[\w-]+>=[\d.]+", requirement), requirement
 
 
