@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 
 from ..geometry.curve import Curve
 from ..numerics.arrays import Points, VesicleNodes, VesiclePoints
+from ..numerics.logarithm import log
 from . import kernels
 
 
@@ -41,7 +42,7 @@ def separations(curves: Curve, targets: Points) -> Float[Array, "P M N 2"]:
 
 
 def _to_sum(curves: Curve, targets: Points):
-    """Returns the components of all separations, (P, MN), and 1/|r|², which is 1 if a target is a node.
+    """Returns the components of all separations, (P, MN), and |r|², which is 1 if a target is a node.
 
     XLA does not store sums that are formed directly from them. This is three times as fast as storing a kernel and
     multiplying by it.
@@ -49,7 +50,7 @@ def _to_sum(curves: Curve, targets: Points):
     y = curves.x.reshape(-1, 2)
     rx, ry = targets[:, 0, None] - y[:, 0], targets[:, 1, None] - y[:, 1]
     r2 = rx**2 + ry**2
-    return rx, ry, 1 / jnp.where(r2 > 0, r2, 1.0)
+    return rx, ry, jnp.where(r2 > 0, r2, 1.0)
 
 
 def _weights(curves: Curve) -> VesicleNodes:
@@ -64,8 +65,8 @@ def laplace_slp(curves: Curve, q: VesicleNodes, targets: Points) -> Float[Array,
 
 def laplace_slp_gradient(curves: Curve, q: VesicleNodes, targets: Points) -> Points:
     """Returns ∇S[q] at the targets."""
-    rx, ry, inverse_r2 = _to_sum(curves, targets)
-    scaled = (q * _weights(curves)).reshape(-1) * inverse_r2
+    rx, ry, r2 = _to_sum(curves, targets)
+    scaled = (q * _weights(curves)).reshape(-1) * (1 / r2)
     return jnp.stack([jnp.sum(rx * scaled, axis=1), jnp.sum(ry * scaled, axis=1)], axis=-1) / (-2 * np.pi)
 
 
@@ -83,11 +84,11 @@ def laplace_dlp_gradient(curves: Curve, V: VesicleNodes, targets: Points) -> Poi
 
 def stokes_slp(curves: Curve, f: VesiclePoints, targets: Points) -> Points:
     """Returns the velocity S[f] at the targets."""
-    rx, ry, inverse_r2 = _to_sum(curves, targets)
+    rx, ry, r2 = _to_sum(curves, targets)
     fx, fy = (f * _weights(curves)[..., None]).reshape(-1, 2).T
-    log = 0.5 * jnp.log(inverse_r2)
-    along = (rx * fx + ry * fy) * inverse_r2
-    rows = jnp.sum(log * fx + rx * along, axis=1), jnp.sum(log * fy + ry * along, axis=1)
+    equal = -0.5 * log(r2)
+    along = (rx * fx + ry * fy) / r2
+    rows = jnp.sum(equal * fx + rx * along, axis=1), jnp.sum(equal * fy + ry * along, axis=1)
     return jnp.stack(rows, axis=-1) / (4 * np.pi)
 
 
