@@ -16,7 +16,7 @@ from jaxves.geometry import shapes
 from jaxves.geometry.curve import Curve
 from jaxves.geometry.domain import Free
 from jaxves.numerics import krylov
-from jaxves.operators import interactions, sums
+from jaxves.operators import direct_sums, interactions
 from jaxves.operators.near_pairs import NearPairs
 from jaxves.operators.pairs import Pairwise
 from jaxves.operators.sums import MatrixFree, coupling_for
@@ -108,8 +108,8 @@ def test_sums_for_several_targets_at_once_as_on_a_gpu_are_the_same(monkeypatch, 
         return jax.jit(lambda: equation_for(scene, coupling=MatrixFree(1)).rate(jnp.zeros(()), y).x)()
 
     alone = velocity()
-    monkeypatch.setattr(sums, "_ON_ACCELERATOR", at_once)
-    monkeypatch.setattr(sums.jax, "default_backend", lambda: "gpu")
+    monkeypatch.setattr(direct_sums, "_ON_ACCELERATOR", at_once)
+    monkeypatch.setattr(direct_sums.jax, "default_backend", lambda: "gpu")
     np.testing.assert_allclose(velocity(), alone, atol=SOLVED * jnp.max(jnp.abs(alone)))
 
 

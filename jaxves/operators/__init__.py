@@ -3,6 +3,8 @@
 interactions    interfaces for interactions between membranes, and loops over pairs
 pairs           interactions as matrices of all pairs
 near_pairs      search for close pairs
-sums            interactions as sums, without matrices
+direct_sums     interactions as direct sums, without matrices
+fast_sums       interactions as fast sums
+sums            which of them, without matrices of all pairs
 surfaces        all membranes of a scene with their layer potentials
 """

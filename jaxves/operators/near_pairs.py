@@ -18,12 +18,16 @@ _CANDIDATES = 3  # candidates per stored pair; circles of slender vesicles overl
 
 
 class NearPairs(eqx.Module):
-    """The ordered pairs that need close evaluation; rows that are not `valid` are unused."""
+    """The ordered pairs that need close evaluation; rows that are not `valid` are unused.
+
+    In a periodic cell, the source is its image at x + m₁ a₁ + m₂ a₂ with the integers m of `image`.
+    """
 
     target: Int[Array, "K"]
     source: Int[Array, "K"]
     valid: Bool[Array, "K"]
     overflow: Bool[Array, ""]
+    image: Int[Array, "K 2"] | None = None
 
     @classmethod
     def of(cls, curves: Curve, per_vesicle: int, near: float, domain: AbstractDomain) -> "NearPairs":
@@ -55,3 +59,10 @@ class NearPairs(eqx.Module):
     def sources_of(self, target: Int[Array, ""], M: int) -> Bool[Array, "M"]:
         """Returns which of the M membranes are near `target`."""
         return jnp.zeros(M, bool).at[self.source].max(self.valid & (self.target == target))
+
+    def source_curve(self, k: Int[Array, ""], curves: Curve, domain: AbstractDomain) -> Curve:
+        """Returns the source of the pair k, moved to its image."""
+        curve = jax.tree.map(lambda leaf: leaf[self.source[k]], curves)
+        if self.image is None:
+            return curve
+        return eqx.tree_at(lambda curve: curve.x, curve, curve.x + self.image[k] @ domain.lattice)

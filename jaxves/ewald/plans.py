@@ -1,0 +1,89 @@
+"""Sizes of grids and lists of the fast sums, which compiled code needs as constants.
+
+Everything scales with the box around the nodes or with the cell: r_c is a fraction of it. Few vesicles a side need
+a small grid. The capacities of the lists hold for vesicles that fill the box evenly, with room to spare. `measured`
+counts them for given nodes. What does not fit is found at run time (`lists.Lists.overflow`).
+"""
+
+import math
+from typing import NamedTuple
+
+from ..base.arguments import refusal
+
+
+class Accuracy(NamedTuple):
+    """Shape of the blob, width of the window in grid cells, and degree of the polynomials of the local part."""
+
+    shape: float
+    width: int
+    degree: int
+
+
+# Largest error of the sums, relative to their largest value: a fifth of the tolerance or less.
+ACCURACIES = {
+    1e-4: Accuracy(12.0, 6, 10),
+    1e-6: Accuracy(17.0, 8, 13),
+    1e-8: Accuracy(21.5, 10, 16),
+    1e-10: Accuracy(26.5, 12, 19),
+    1e-12: Accuracy(31.0, 14, 22),
+}
+_REACH = 0.7  # r_c over the mean distance of neighbours, at which lists and transforms take about equally long
+_CLUSTER = 8  # consecutive nodes
+
+
+class Plan(NamedTuple):
+    """The sizes of one fast sum.
+
+    `grid` are the grid points along both axes, `patch` those that a cluster reaches, `cluster` its nodes. A target
+    vesicle has up to `vesicles` others within reach, a target cluster up to `room` other clusters. `images` are the
+    images of a vesicle on each side that may be within reach, in a periodic cell.
+    """
+
+    accuracy: Accuracy
+    grid: tuple[int, int]
+    patch: int
+    cluster: int
+    vesicles: int
+    room: int
+    images: int = 0
+
+
+def accuracy_for(tolerance: float) -> Accuracy:
+    """Returns the cheapest accuracy with an error below `tolerance`; raises ValueError below 1e-12."""
+    for known in sorted(ACCURACIES, reverse=True):
+        if known <= tolerance * (1 + 1e-12):
+            return ACCURACIES[known]
+    raise refusal("tolerance", tolerance, "a relative error of at least 1e-12")
+
+
+def plan_for(M: int, N: int, tolerance: float) -> Plan:
+    """Returns the plan for M vesicles of N nodes that fill a square box about evenly."""
+    accuracy = accuracy_for(tolerance)
+    side = math.sqrt(M)
+    cells = 2 * accuracy.shape / math.pi * side / _REACH
+    n = fast_size(math.ceil(cells) + accuracy.width + 3)
+    cluster = math.gcd(N, _CLUSTER)
+    return Plan(accuracy, (n, n), patch_for(n / side, N, cluster, accuracy), cluster, *_capacities(M, N, cluster))
+
+
+def patch_for(cells: float, N: int, cluster: int, accuracy: Accuracy) -> int:
+    """Returns the size of a patch, where a vesicle has `cells` grid cells to itself along each axis."""
+    return math.ceil(0.9 * cells * min(1.0, 3.5 * cluster / N)) + accuracy.width + 2
+
+
+def _capacities(M: int, N: int, cluster: int) -> tuple[int, int]:
+    vesicles = min(M - 1, 24)
+    return vesicles, min(vesicles * N // cluster, 4 * N // cluster + 8)
+
+
+def fast_size(n: int) -> int:
+    """Returns the least even size of at least n whose prime factors are 2, 3 and 5."""
+    n += n % 2
+    while True:
+        rest = n
+        for prime in (2, 3, 5):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return n
+        n += 2

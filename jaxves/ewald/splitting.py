@@ -1,0 +1,116 @@
+r"""The kernels of Laplace and Stokes as a local part within r_c and a smooth rest.
+
+A point charge is replaced by a radial blob of unit mass within r_c. With t = (r/r_c)², u = √(1 - t) and the shape c:
+
+    R(t) = sinh(c u)/sinh c                   part of the field of the charge that stays local
+    E(t) = (1 - R)/t,    H(t) = -½ ∫_t^1 E    smooth in t, so polynomials
+    γ(κ) = (c/sinh c) sinh(w)/w,  w = √(c² - κ²),  κ = |k| r_c         Fourier transform of the blob
+
+Every kernel has the form A δ_ab + B r_a r_b for Stokes, and -2 B r_a for ∇G. G is 2 (A + B r²) up to a constant:
+
+    local        4π A = -½ log t + H - R           4π B = R/r²                        zero for t ≥ 1
+    smooth       4π A = 1 - log r_c - H - t E      4π B = E/r_c²                      for t < 1
+                 4π A = -log r                     4π B = 1/r²                        for t ≥ 1
+
+In Fourier space the smooth parts are γ/k² for G and (1 - kk/k²)(γ - ½ κ γ')/k² for Stokes. This is Hasimoto's form [H]
+for any blob. Beyond κ = c the transform is below the tolerance. The root of R at t = 1 has the size c/sinh c, so that a
+polynomial misses it only by the tolerance.
+
+[H] H. Hasimoto, On the periodic fundamental solutions of the Stokes equations, J. Fluid Mech. 5 (1959) 317-328.
+"""
+
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.polynomial import chebyshev
+
+from ..numerics.arrays import Scalar
+from ..numerics.logarithm import log
+from .plans import Accuracy
+
+Kernel = tuple[Float[Array, "*pairs"], Float[Array, "*pairs"]]  # A and B
+_SAMPLES = 100  # Chebyshev points at which E is sampled
+_SMALL = 1e-30  # in place of t = 0
+
+
+@functools.cache
+def _polynomials(accuracy: Accuracy) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the coefficients of E and H in powers of 2t - 1, the highest first."""
+    c = accuracy.shape
+    z = np.cos(np.pi * (np.arange(_SAMPLES) + 0.5) / _SAMPLES)
+    t = 0.5 * (z + 1)
+    u = np.sqrt(1 - t)
+    # sinh c - sinh cu as a product, because the difference loses digits at small t
+    E = 2 * np.cosh(0.5 * c * (1 + u)) * np.sinh(0.5 * c * t / (1 + u)) / (np.sinh(c) * t)
+    E = chebyshev.chebfit(z, E, _SAMPLES - 1)[: accuracy.degree + 1]
+    H = 0.25 * chebyshev.chebint(E, lbnd=1)  # dt is dz/2
+    return chebyshev.cheb2poly(E)[::-1], chebyshev.cheb2poly(H)[::-1]
+
+
+def _smooth_functions(t, accuracy: Accuracy):
+    """Returns E and H, for arrays of NumPy or JAX with t ≤ 1."""
+    z = 2 * t - 1
+    found = []
+    for coefficients in _polynomials(accuracy):
+        value = coefficients[0] * (z * 0 + 1)
+        for coefficient in coefficients[1:]:
+            value = value * z + coefficient
+        found.append(value)
+    return found
+
+
+def local(r2: Float[Array, "*pairs"], r_c: Scalar, accuracy: Accuracy) -> Kernel:
+    """Returns A and B of the local part, which are zero at r = 0 and for r ≥ r_c."""
+    t = r2 / r_c**2
+    inside = (t < 1) & (t > 0)
+    t = jnp.where(inside, t, 0.5)
+    E, H = _smooth_functions(t, accuracy)
+    R = 1 - t * E
+    A = (-0.5 * log(t) + H - R) / (4 * np.pi)
+    B = R / (t * (4 * np.pi * r_c**2))
+    return jnp.where(inside, A, 0.0), jnp.where(inside, B, 0.0)
+
+
+def smooth(r2: Float[Array, "*pairs"], r_c: Scalar, accuracy: Accuracy) -> Kernel:
+    """Returns A and B of the smooth part at any distance, zero included."""
+    t = r2 / r_c**2
+    inside = t < 1
+    E, H = _smooth_functions(jnp.where(inside, t, 0.5), accuracy)
+    outer = jnp.where(inside, 1.0, r2)
+    A = jnp.where(inside, 1 - jnp.log(r_c) - H - t * E, -0.5 * log(outer))
+    B = jnp.where(inside, E / r_c**2, 1 / outer)
+    return A / (4 * np.pi), B / (4 * np.pi)
+
+
+def smooth_on_host(r2: np.ndarray, r_c: float, accuracy: Accuracy) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the same as `smooth` as arrays of NumPy."""
+    t = r2 / r_c**2
+    inside = t < 1
+    E, H = _smooth_functions(np.where(inside, t, 0.5), accuracy)
+    outer = np.where(inside, 1.0, r2)
+    A = np.where(inside, 1 - np.log(r_c) - H - t * E, -0.5 * np.log(outer))
+    B = np.where(inside, E / r_c**2, 1 / outer)
+    return A / (4 * np.pi), B / (4 * np.pi)
+
+
+def blob_transforms(kappa2: Float[Array, "*modes"], accuracy: Accuracy) -> tuple[Array, Array]:
+    """Returns γ and γ - ½ κ γ' for κ², both zero for κ ≥ c."""
+    c = accuracy.shape
+    inside = kappa2 < c**2
+    w2 = jnp.where(inside, c**2 - kappa2, 1.0)
+    w = jnp.sqrt(w2)
+    # c/sinh c times sinh w and cosh w, without overflow
+    scale = 2 * c / (1 - np.exp(-2 * c))
+    sinh = scale * 0.5 * (jnp.exp(w - c) - jnp.exp(-w - c))
+    cosh = scale * 0.5 * (jnp.exp(w - c) + jnp.exp(-w - c))
+    gamma = sinh / w
+    stokes = gamma + 0.5 * kappa2 * (cosh - gamma) / w2
+    return jnp.where(inside, gamma, 0.0), jnp.where(inside, stokes, 0.0)
+
+
+def local_mean(r_c: Scalar, accuracy: Accuracy) -> Scalar:
+    """Returns the integral of the local part of G over the plane."""
+    c = accuracy.shape
+    return r_c**2 * 0.5 * (1 / (c * np.tanh(c)) - 1 / c**2)

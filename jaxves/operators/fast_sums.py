@@ -1,0 +1,152 @@
+r"""Interactions of many membranes by fast sums: time and memory grow almost like MN.
+
+The sums of `ewald` contain every pair, near pairs and selves with their smooth part only. The smooth part of each
+membrane on itself is subtracted, and near pairs have matrices of close evaluation less the smooth part. Both are
+bounded for close nodes, so that no digits cancel.
+
+In the plane, vesicles can be spread so unevenly that lists of fixed length are too short. Far pairs are then summed
+directly, which takes longer and is right. In a periodic cell the result is wrong then, and `crowded` says so.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from ..ewald.lists import Excluded
+from ..ewald.plans import Plan
+from ..ewald.splitting import Kernel
+from ..ewald.sums import EwaldSums
+from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain, Cell
+from ..numerics.arrays import VesicleNodes, VesiclePoints
+from ..numerics.batching import greatest
+from ..potentials import far
+from ..potentials.self_stokes import StokesBlocks
+from .direct_sums import summed
+from .interactions import AbstractInteractions
+from .near_pairs import NearPairs
+from .pairs import close_matrices, times
+
+
+class FastSummation(AbstractInteractions):
+    """Fast sums, the smooth part `own` of each membrane on itself, and matrices for near pairs less the smooth part."""
+
+    curves: Curve
+    sums: EwaldSums
+    own: Kernel
+    near: NearPairs
+    velocity: StokesBlocks
+    gradient: Float[Array, "K 2 N N"] | None
+    cell: Cell | None
+
+    @classmethod
+    def of(
+        cls, curves: Curve, near: NearPairs, plan: Plan, domain: AbstractDomain, *, electric: bool
+    ) -> "FastSummation":
+        """Builds the interactions of the M membranes in `curves`, of which `near` are the near pairs."""
+        excluded = Excluded(near.target, near.source, near.image, near.valid)
+        sums = EwaldSums.of(curves.x, curves.weights, plan, domain, excluded)
+
+        @jax.checkpoint
+        def of_pair(row):
+            target, valid, source = row[0], row[1], near.source_curve(row[2], curves, domain)
+
+            def close():
+                blocks, gradient = close_matrices(source, curves.x[target], electric)
+                smooth = _blocks(sums, curves.x[target], source, electric)
+                return jax.tree.map(jnp.subtract, (blocks, gradient), smooth)
+
+            nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), jax.eval_shape(close))
+            return lax.cond(valid, close, lambda: nothing)
+
+        velocity, gradient = lax.map(of_pair, (near.target, near.valid, jnp.arange(near.valid.shape[0])))
+        own = jax.vmap(lambda x: sums.smooth(_squares(x, x)))(curves.x)
+        return cls(curves, sums, own, near, velocity, gradient, domain if isinstance(domain, Cell) else None)
+
+    @property
+    def crowded(self) -> Bool[Array, ""]:
+        return self.near.overflow if self.cell is None else self.near.overflow | self.sums.overflow
+
+    def any_near(self) -> Bool[Array, ""]:
+        return jnp.any(self.near.valid)
+
+    def stokes(self, f: VesiclePoints) -> VesiclePoints:
+        near = jax.vmap(StokesBlocks.__matmul__)(self.velocity, f[self.near.source])
+
+        def fast(f):
+            return self.sums.stokes(f) - self._own(f)
+
+        def direct(f):
+            others = self._smooth_of_near(lambda blocks, f: blocks[0] @ f, f)
+            return summed(far.stokes_slp, self.curves, self.near, f) + others
+
+        return self._chosen(fast, direct, f).at[self.near.target].add(near)
+
+    def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
+        near = times(self.gradient, q[self.near.source])
+
+        def fast(q):
+            return self.sums.slp_gradient(q) - self._own_gradient(q)
+
+        def direct(q):
+            others = self._smooth_of_near(lambda blocks, q: jnp.einsum("aij,j->ia", blocks[1], q), q)
+            return summed(far.laplace_slp_gradient, self.curves, self.near, q) + others
+
+        return self._chosen(fast, direct, q).at[self.near.target].add(near)
+
+    def _chosen(self, fast, direct, density):
+        if self.cell is not None:
+            return fast(density)
+        return lax.cond(greatest(jnp.int32(self.sums.overflow)) > 0, direct, fast, density)
+
+    def _own(self, f: VesiclePoints) -> VesiclePoints:
+        """Returns the smooth part of each membrane on itself."""
+
+        def of_one(x, weights, A, B, f):
+            rx, ry = _separations(x, x)
+            fx, fy = (f * weights[:, None]).T
+            along = B * (rx * fx + ry * fy)
+            rows = jnp.sum(A * fx + rx * along, axis=1), jnp.sum(A * fy + ry * along, axis=1)
+            return jnp.stack(rows, axis=-1)
+
+        return lax.map(lambda row: of_one(*row), (self.curves.x, self.curves.weights, *self.own, f))
+
+    def _own_gradient(self, q: VesicleNodes) -> VesiclePoints:
+        def of_one(x, weights, B, q):
+            along = -2 * B * (q * weights)
+            return jnp.stack([jnp.sum(r * along, axis=1) for r in _separations(x, x)], axis=-1)
+
+        return lax.map(lambda row: of_one(*row), (self.curves.x, self.curves.weights, self.own[1], q))
+
+    def _smooth_of_near(self, apply, density) -> VesiclePoints:
+        """Returns the smooth part of the near pairs in the plane, which `fast` has in the sums."""
+
+        @jax.checkpoint
+        def of_pair(row):
+            target, source, valid = row
+            blocks = _blocks(
+                self.sums, self.curves.x[target], jax.tree.map(lambda leaf: leaf[source], self.curves), True
+            )
+            return jnp.where(valid, apply(blocks, density[source]), 0.0)
+
+        near = self.near
+        found = lax.map(of_pair, (near.target, near.source, near.valid))
+        return jnp.zeros_like(self.curves.x).at[near.target].add(found)
+
+
+def _separations(x: Float[Array, "P 2"], y: Float[Array, "N 2"]) -> list[Float[Array, "P N"]]:
+    return [x[:, None, k] - y[:, k] for k in (0, 1)]
+
+
+def _squares(x: Float[Array, "P 2"], y: Float[Array, "N 2"]) -> Float[Array, "P N"]:
+    rx, ry = _separations(x, y)
+    return rx**2 + ry**2
+
+
+def _blocks(sums: EwaldSums, x: Float[Array, "P 2"], source: Curve, electric: bool):
+    """Returns the velocity and gradient matrices of the smooth part, with quadrature weights."""
+    rx, ry = _separations(x, source.x)
+    A, B = (part * source.weights for part in sums.smooth(rx**2 + ry**2))
+    gradient = jnp.stack([-2 * B * rx, -2 * B * ry]) if electric else None
+    return StokesBlocks(A + B * rx**2, B * rx * ry, A + B * ry**2), gradient

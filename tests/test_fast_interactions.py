@@ -1,0 +1,72 @@
+"""Interactions by fast sums are those by direct sums, with near pairs, and where lists are too short."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxves.ewald.plans import plan_for
+from jaxves.geometry import shapes
+from jaxves.geometry.curve import Curve
+from jaxves.geometry.domain import Free
+from jaxves.operators.sums import MatrixFree, coupling_for
+
+M, N = 16, 32
+RNG = np.random.default_rng(5)
+
+
+@jax.jit
+def nodes():
+    """Ellipses in four rows, turned at random; some neighbours are closer than a node spacing."""
+    turns, ellipse = jnp.asarray(RNG.uniform(0, np.pi, M)), shapes.ellipse(N, 0.9)
+    places = jnp.asarray(np.stack(np.divmod(np.arange(M), 4), axis=-1) * 2.45)
+    return jax.vmap(shapes.rotated, in_axes=(None, 0))(ellipse, turns) + places[:, None]
+
+
+X = nodes()
+F, Q = jnp.asarray(RNG.normal(size=(M, N, 2))), jnp.asarray(RNG.normal(size=(M, N)))
+PLAN = plan_for(M, N, 1e-12)
+
+
+@eqx.filter_jit
+def found(x, coupling):
+    across = coupling.between(jax.vmap(Curve.from_nodes)(x), Free(), electric=True)
+    return across.stokes(F), across.slp_gradient(Q), jnp.sum(across.near.valid), across.crowded
+
+
+@pytest.mark.parametrize("plan", [PLAN, PLAN._replace(room=4)], ids=["fast", "lists too short"])
+def test_fast_interactions_are_the_direct_ones(plan):
+    *wanted, near, _ = found(X, MatrixFree())
+    *values, also, crowded = found(X, MatrixFree(plan=plan))
+    assert near == also > 20
+    assert not crowded
+    for value, exact in zip(values, wanted, strict=True):
+        np.testing.assert_allclose(value, exact, atol=1e-12 * np.max(np.abs(exact)))
+
+
+def test_the_derivative_of_fast_interactions_is_that_of_direct_ones():
+    push = jnp.asarray(RNG.normal(size=X.shape))
+
+    @eqx.filter_jit
+    def slopes(coupling):
+        def work(x):
+            velocity, gradient, *_ = found(x, coupling)
+            return jnp.sum(F * velocity) + jnp.sum(jnp.sin(gradient))
+
+        return jax.jvp(work, (X,), (push,))[1], jnp.sum(jax.grad(work)(X) * push)
+
+    forward, reverse = slopes(MatrixFree(plan=PLAN))
+    np.testing.assert_allclose(forward, reverse, rtol=1e-11)
+    np.testing.assert_allclose(forward, slopes(MatrixFree())[0], rtol=1e-9)
+
+
+def test_many_nodes_are_summed_fast():
+    assert coupling_for(32, 64).plan is None
+    assert coupling_for(64, 64).plan is not None
+
+
+def test_fast_sums_refuse_several_devices():
+    mesh = jax.make_mesh((1,), ("targets",))
+    with pytest.raises(ValueError, match="no mesh together with a plan"):
+        MatrixFree(mesh=mesh, plan=PLAN)
