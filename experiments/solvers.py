@@ -20,7 +20,7 @@ import scipy.sparse.linalg
 from matplotlib.figure import Figure
 
 from jaxves.equation.inextensible import TensionBlock
-from jaxves.equation.mobility import EqualViscosities
+from jaxves.equation.mobility import own_spread
 from jaxves.geometry import shapes
 from jaxves.numerics import fourier
 from jaxves.numerics.linear import GMRES, Dense, LinearOperator
@@ -79,9 +79,8 @@ def tension_operator(surfaces, *, dense: bool, preconditioned: bool = True) -> L
     curve = surfaces.curves
     N = curve.speed.shape[0]
     if dense:
-        of_one = jax.tree.map(lambda leaf: leaf[None], surfaces)
-        pull = jax.tree.map(lambda leaf: leaf[0], EqualViscosities().own_of_derivative(of_one))
-        return LinearOperator(TensionBlock.of(curve, pull, False, _CUT).stiffness, positive_definite=True)
+        spread = own_spread(curve, surfaces.stokes_slp, surfaces.laplace_slp)
+        return LinearOperator(TensionBlock.of(curve, spread, False, _CUT).stiffness, positive_definite=True)
 
     def action(sigma):
         low = fourier.low_pass(sigma, _CUT)

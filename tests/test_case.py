@@ -46,6 +46,7 @@ KEYS = {
     "membrane_conductance": 0.5,
     "chi": 0.2,
     "permittivity_ratio": 2.0,
+    "viscosity_ratio": 3.0,
     "disturbance": 1e-4,
     "reduced_area": 0.8,
 }

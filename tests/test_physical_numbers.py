@@ -46,6 +46,7 @@ PYTHON = {
     "field.time.amplitude": lambda v: jaxves.Sine(1.0, amplitude=v),
     "field.time.offset": lambda v: jaxves.Sine(1.0, offset=v),
     "field.time.phase": lambda v: jaxves.Sine(1.0, phase=v),
+    "fluid.viscosity_ratio": lambda v: jaxves.make_scene(E, viscosity_ratio=v),
     "flow.capillary_number": lambda v: jaxves.Shear(v),
 }
 ONLY_FILES = {"pair.separation", "pair.offset_angle"}  # Python gives the centers of the two vesicles
@@ -63,6 +64,8 @@ def scene_file(number, value, of_vesicle=False):
         tables["field"]["time"] = time | {number.key: value}
     if number.table == "pair":
         tables["pair"] = {"separation": 3.0} | {number.key: value}
+    if number.table == "fluid" and not of_vesicle:
+        tables["fluid"] = {number.key: value}
     if number.table == "flow":
         tables["flow"] = {"kind": "shear", number.key: value}
     return parse(tables)
@@ -92,7 +95,7 @@ def test_the_scene_file_has_the_number_with_its_default_and_its_bounds(number):
         with pytest.raises(SceneError, match=re.escape(number.key)) as refused:
             scene_file(number, value)
         assert number.bounds.expected in str(refused.value) and "\n" not in str(refused.value)
-        if number in PER_VESICLE:
+        if number.per_vesicle is not None:
             with pytest.raises(SceneError, match=re.escape(number.bounds.expected)):
                 scene_file(number, value, of_vesicle=True)
 
@@ -119,7 +122,7 @@ PLACE = {
     "VesicleTable": "vesicle", "DeformableVesicle": "vesicle", "EllipseVesicle": "vesicle", "CircleVesicle": "vesicle",
     "PointsVesicle": "vesicle", "PairTable": "pair", "FieldTable": "field", "TimeTable": "field.time",
     "ConstantTime": "field.time", "PulseTime": "field.time", "SineTime": "field.time", "TabulatedTime": "field.time",
-    "FlowTable": "flow", "ShearFlow": "flow", "ExtensionFlow": "flow", "LinearFlow": "flow",
+    "FluidTable": "fluid", "FlowTable": "flow", "ShearFlow": "flow", "ExtensionFlow": "flow", "LinearFlow": "flow",
 }  # fmt: skip
 NOT_PHYSICAL = {"SceneFile", "NumericsTable", "StopTable"}
 # Vectors, lists, words and tables.
@@ -137,7 +140,7 @@ def test_every_number_of_a_table_is_declared(table):
     for key in set(table.model_fields) - OTHER_KEYS:
         number = declared(f"{place}.{key}")
         assert number is not None, key
-        is_own = number.table == "field" and place == "vesicle"
+        is_own = number.table in ("field", "fluid") and place == "vesicle"
         assert table.model_fields[key].default == (None if is_own else number.default)
 
 
@@ -154,12 +157,21 @@ def test_defaults_in_python_are_those_of_the_file(function):
 
 
 @pytest.mark.parametrize("number", PER_VESICLE, ids=lambda number: number.name)
-def test_a_vesicle_may_have_a_number_of_its_own(number):
+def test_a_vesicle_may_have_an_electrical_number_of_its_own(number):
     scene = jaxves.scene_of(scene_file(number, 0.6), {})
     np.testing.assert_array_equal(getattr(scene.field, number.per_vesicle), [0.6])
     own = jaxves.scene_of(with_numbers(scene_file(number, 0.6), {f"vesicle.{number.key}": 0.5}), {})
     np.testing.assert_array_equal(getattr(own.field, number.per_vesicle), [0.5])
     assert declared(f"vesicle.{number.key}") is declared(f"vesicle[1].{number.key}") is number
+
+
+def test_a_vesicle_may_have_a_viscosity_of_its_own():
+    file = scene_file(declared("fluid.viscosity_ratio"), 0.6)
+    np.testing.assert_array_equal(jaxves.scene_of(file, {}).viscosity_ratio, [0.6])
+    own = jaxves.scene_of(with_numbers(file, {"vesicle.viscosity_ratio": 0.5}), {})
+    np.testing.assert_array_equal(own.viscosity_ratio, [0.5])
+    without = parse({"t_end": 1.0, "vesicle": [{"reduced_area": 0.9}]})
+    assert jaxves.scene_of(without, {}).viscosity_ratio is None
 
 
 @named

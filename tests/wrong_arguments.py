@@ -86,6 +86,11 @@ WRONG = {
     "Scene with clockwise nodes": (lambda: jaxves.Scene(E[None, ::-1], [1.0]), "clockwise"),
     "Scene with one curve of two axes": (lambda: jaxves.Scene(E, [1.0]), "Scene.x .*64, 2"),
     "Scene with bending of two": (lambda: jaxves.Scene(E[None], [1.0, 1.0]), "Scene.bending"),
+    "a viscosity ratio of zero": (lambda: jaxves.make_scene(E, viscosity_ratio=0.0), "viscosity_ratio.* = 0"),
+    "viscosity ratios of two for one": (
+        lambda: jaxves.make_scene(E, viscosity_ratio=[1.0, 2.0]), r"viscosity_ratio .*\(1,\).*\(2,\)",
+    ),
+    "a viscosity ratio of two vesicles": (lambda: pair(viscosity_ratio=2.0), "viscosity_ratio.*more than one vesicle"),
     "Scene with V_m but no field": (lambda: jaxves.Scene(E[None], [1.0], V_m=jnp.zeros((1, 64))), "Scene.V_m"),
     "Scene with V_m of another size": (
         lambda: jaxves.Scene(E[None], [1.0], field(), V_m=jnp.zeros((1, 32))), "Scene.V_m .*1, 64.*1, 32",

@@ -59,6 +59,9 @@ def _residual(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R
     normal, rates = rates_on_outline(motion, y)
     x, N = y.x[0], y.x.shape[1]
     slip = jnp.mean(jnp.sum((x - anchor.x) * anchor.tangent, axis=-1))
+    if equation.scene.viscosity_ratio is not None:
+        # The velocities of all equations then have the same size for every ν.
+        normal = 0.5 * (1 + equation.scene.viscosity_ratio)[:, None] * normal
     parts = [
         fourier.low_pass(normal[0], filter.x),
         fourier.low_pass(outline.speed / equation.speed[0] - 1, filter.surface),

@@ -81,7 +81,7 @@ def require_nodes(argument: str, value: Any) -> None:
 
 
 class Bounded(eqx.Module):
-    """A pytree whose numbers have bounds; `bounds` has them by the name of the field.
+    """A pytree whose numbers have bounds; `bounds` has them by the name of the field. A number may be None.
 
     Raises:
         ValueError: a known number is out of its bounds.
@@ -91,9 +91,11 @@ class Bounded(eqx.Module):
 
     def __check_init__(self):
         for name, limits in self.bounds.items():
-            require(f"{type(self).__name__}.{name}", getattr(self, name), limits)
+            if getattr(self, name) is not None:
+                require(f"{type(self).__name__}.{name}", getattr(self, name), limits)
 
     def is_within_bounds(self) -> Bool[Array, ""]:
         """Returns whether all numbers are within their bounds; may be traced."""
-        found = [jnp.all(limits.hold(getattr(self, name))) for name, limits in self.bounds.items()]
+        given = {name: limits for name, limits in self.bounds.items() if getattr(self, name) is not None}
+        found = [jnp.all(limits.hold(getattr(self, name))) for name, limits in given.items()]
         return jnp.all(jnp.stack(found)) if found else jnp.array(True)

@@ -28,7 +28,8 @@ class Number:
         example: the value in the commented scene file; the default if None.
         note: a further comment in the commented scene file.
         in_laboratory_units: the formula from quantities in SI units, if the meaning does not give it.
-        per_vesicle: the name of the array of `Field`, for a number of [field] that may differ between vesicles.
+        per_vesicle: the name of the array of `Field` or `Scene`, for a number of [field] or [fluid] that may differ
+            between vesicles.
         size: the scale of the number in gradient checks, if its value is smaller.
     """
 
@@ -84,6 +85,11 @@ REDUCED_AREA = Number(
     letter="Δ", symbol=r"$\Delta$", example=0.9, note="in (0, 1]",
 )  # fmt: skip
 
+VISCOSITY_RATIO = Number(
+    "fluid", "viscosity_ratio", bounds.VISCOSITY_RATIO, "viscosity inside / outside",
+    letter="ν", symbol=r"$\nu$", example=10.0, in_laboratory_units="μ_i/μ", per_vesicle="viscosity_ratio", size=1.0,
+)  # fmt: skip
+
 SEPARATION = Number(
     "pair", "separation", bounds.POSITIVE, "distance of the centres", symbol="separation", unit="a", example=2.6
 )
@@ -131,13 +137,15 @@ CAPILLARY_NUMBER = Number(
 )
 
 NUMBERS = tuple(value for value in list(globals().values()) if isinstance(value, Number))
-PER_VESICLE = tuple(number for number in NUMBERS if number.per_vesicle is not None)
+# Numbers of [field] that a vesicle may have of its own.
+PER_VESICLE = tuple(number for number in NUMBERS if number.per_vesicle is not None and number.table == "field")
 
 
 def declared(name: str) -> Number | None:
     """Returns the declaration of a number by its name, or None for an entry of a vector or of a list.
 
-    A number of [field] that is given for a vesicle, such as "vesicle[1].chi", has the declaration of [field].
+    A number of [field] or [fluid] that is given for a vesicle, such as "vesicle[1].chi", has the declaration of that
+    table.
     """
     table, _, key = re.sub(r"^vesicle\[\d+\]", "vesicle", name).rpartition(".")
     for number in NUMBERS:

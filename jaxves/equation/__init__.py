@@ -3,6 +3,7 @@
 state           the unknowns, and all quantities at one instant
 electrics       charging of the membranes and electric force
 mobility        velocities from forces
+contrast        the same with two viscosities
 inextensible    the tension that keeps the membrane from stretching
 coupled         linear systems that couple all membranes
 linear_part     matrices of the linear part A for the shapes

@@ -2,6 +2,7 @@ r"""The equation of motion dy/dt = F(t, y) for y = (x, scalars), its linear part
 
     dx/dt   = v_∞ + S[f_hd],     f_hd = -κ_B x_ssss + (σ x_s)_s - f_el,     x_s · (dx/dt)_s = 0
 
+With two viscosities the velocity is A_ν⁻¹ times this sum (`contrast`).
 The electric model gives the rates of the scalars, such as dV_m/dt. F solves for the tension σ and the charge at every
 evaluation. The factors of these systems are also used in A.
 
@@ -28,9 +29,10 @@ from ..physics import membrane, rigid
 from ..physics.scene import Scene
 from ..potentials.self_refined import Refinement
 from . import linear_part, projection
+from .contrast import ViscosityContrast
 from .electrics import AbstractElectrics, MembraneCharging
 from .implicit import Frozen
-from .inextensible import Constraint, assembled_tension, solve_tension
+from .inextensible import Constraint, assembled_tension
 from .mobility import AbstractMobility, EqualViscosities
 from .projection import Filter
 from .state import Motion, Unknowns
@@ -97,16 +99,14 @@ class Equation(eqx.Module):
         return Surfaces.of(
             y.x,
             electric=self.electrics is not None,
+            contrast=self.mobility.needs_dlp,
             coupling=self.coupling,
             domain=self.domain,
             refinement=self.refinement,
         )
 
-    def _constraint(self, surfaces: Surfaces) -> Constraint:
-        return Constraint.of(surfaces, self.mobility, self.is_circle(), self.filter.surface)
-
     def _motion(self, t: Scalar, y: Unknowns, *, factored: bool):
-        """Returns F, the constraint, and the factors of the charge, which A needs (only if `factored`)."""
+        """Returns F, and what A needs: the constraint, the factors of A_ν, those of the charge (only if `factored`)."""
         scene, surfaces = self.scene, self._surfaces(y)
         curves = surfaces.curves
         direct = self.coupling is not None and self.coupling.direct
@@ -122,22 +122,16 @@ class Equation(eqx.Module):
                 solutions.append(solution)
                 force = force - electric.traction
         imposed = None if scene.flow is None else scene.flow.velocity(y.x, t)
-        velocity = self.mobility.velocity(surfaces, force, imposed)
-
-        constraint = self._constraint(surfaces)
-        stretch = curves.speed * jax.vmap(membrane.stretch_rate)(curves, velocity)
-        stretch = fourier.low_pass(stretch, self.filter.surface)
-        solution = solve_tension(surfaces, constraint, stretch, cut=self.filter.surface, direct=direct)
-        solutions.append(solution)
-        sigma = solution.value
-        f_tension = jax.vmap(membrane.linear_tension_force)(curves, sigma)
-        velocity = velocity + self.mobility.velocity(surfaces, f_tension)
-        velocity = fourier.low_pass(velocity, self.filter.x, axis=1)
+        response = self.mobility.at(surfaces)
+        moved = response.moved(force, imposed, self.is_circle(), cut=self.filter.surface, direct=direct)
+        solutions += moved.solutions
+        sigma, f_tension = moved.sigma, moved.f_tension
+        velocity = fourier.low_pass(moved.velocity, self.filter.x, axis=1)
         f_hd = force + f_tension
         if self.is_alone:
             sigma, f_hd, velocity = jax.lax.cond(
                 jnp.any(self.is_circle()),
-                lambda *found: jax.vmap(rigid.held)(curves, *found),
+                lambda *found: jax.vmap(rigid.held)(curves, *found, scene.viscosity_ratio),
                 lambda *found: found,
                 sigma,
                 f_hd,
@@ -145,21 +139,22 @@ class Equation(eqx.Module):
             )
         rates = {} if electric is None else self.electrics.rates(electric, y.scalars, velocity)
         residual, iterations = _worst(solutions, surfaces)
-        return Motion(surfaces, velocity, sigma, f_hd, electric, rates, residual, iterations), constraint, charge
+        motion = Motion(surfaces, velocity, sigma, f_hd, electric, rates, residual, iterations)
+        return motion, moved.constraint, response.inside, charge
 
     # -- A ------------------------------------------------------------------------------------
 
     def freeze(self, t: Scalar, y: Unknowns) -> Frozen:
         """Returns A(y) together with F(y)."""
-        motion, constraint, charge = self._motion(t, y, factored=True)
+        motion, constraint, inside, charge = self._motion(t, y, factored=True)
         surfaces = motion.surfaces
         cuts = dict(cut=self.filter.x, surface_cut=self.filter.surface)
 
-        def block(curve, own, sigma, bending, constraint):
-            return linear_part.shape_block(curve, own, sigma, bending, constraint, **cuts)
+        def block(curve, slp, sigma, bending, constraint, inside):
+            return linear_part.shape_block(curve, slp, sigma, bending, constraint, inside, **cuts)
 
-        own = self.mobility.own(surfaces)
-        A_x = jax.vmap(block)(surfaces.curves, own, motion.sigma, self.scene.bending, constraint)
+        parts = surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint, inside
+        A_x = jax.vmap(block)(*parts)
         A_all = None
         if self.coupling is not None and self.coupling.together:
             A_all = self._all_shapes(motion, constraint)
@@ -201,8 +196,10 @@ class Equation(eqx.Module):
         """Filters y, and projects it until metric and area are right to round-off."""
 
         def once(y, _):
-            surfaces = Surfaces.of(y.x, electric=False, refinement=self.refinement)
-            return self.project(y, self._constraint(surfaces)), None
+            needs_dlp = self.mobility.needs_dlp
+            surfaces = Surfaces.of(y.x, electric=False, contrast=needs_dlp, refinement=self.refinement)
+            constraint = self.mobility.at(surfaces).constraint(self.is_circle(), self.filter.surface)
+            return self.project(y, constraint), None
 
         return jax.lax.scan(once, self.filtered(y), length=4)[0]
 
@@ -269,7 +266,7 @@ def equation_for(
         jax.vmap(geometry.length)(curves) / (2 * np.pi),
         filter,
         None if scene.field is None else MembraneCharging(scene.field, solver, filter.surface),
-        EqualViscosities(),
+        EqualViscosities() if scene.viscosity_ratio is None else ViscosityContrast(scene.viscosity_ratio),
         coupling,
         Symmetry.of(scene) if M == 1 and keep_symmetry else None,
         Refinement() if refinement is None else refinement,

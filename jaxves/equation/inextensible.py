@@ -18,33 +18,34 @@ from ..operators.surfaces import Surfaces
 from ..physics import membrane
 from ..potentials.self_stokes import StokesBlocks
 from .coupled import assembled, solve_coupled
-from .mobility import AbstractMobility
 
 
 class TensionBlock(eqx.Module):
     """The response of one membrane to its own tension: `spread` = G T (2, N, N), `stiffness` = -|x_α| Q G T (N, N).
 
-    The stiffness is symmetric. With 1 on the diagonal for the filtered modes of σ, it is positive definite.
+    For one viscosity the stiffness is symmetric. With 1 on the diagonal for the filtered modes of σ, it is positive
+    definite.
     """
 
     spread: Float[Array, "2 N N"]
     stiffness: Float[Array, "N N"]
 
     @classmethod
-    def of(cls, curve: Curve, pull: StokesBlocks, is_circle, cut: int) -> "TensionBlock":
-        """Builds the blocks of one membrane.
+    def of(
+        cls, curve: Curve, spread: Float[Array, "2 N N"], is_circle, cut: int, *, symmetric: bool = True
+    ) -> "TensionBlock":
+        """Builds the blocks of one membrane from its `spread`; `symmetric` states that G is symmetric to round-off.
 
-        `pull` (N, N) is the mobility times ∂_α, in which the weight |x_α| cancels that of ∂_s. On a circle a uniform
-        tension is a pressure and causes no motion. The mean of σ is then set to zero.
+        On a circle a uniform tension is a pressure and causes no motion. The mean of σ is then set to zero.
         """
         N = curve.speed.shape[0]
         D = fourier.derivative_matrix(N)
         tx, ty = curve.tangent[:, 0], curve.tangent[:, 1]
-        spread = jnp.stack([pull.xx * tx + pull.xy * ty, pull.xy * tx + pull.yy * ty])
         stiffness = -(tx[:, None] * (D @ spread[0]) + ty[:, None] * (D @ spread[1]))
         pins = fourier.high_modes(N, cut)
         left = pins.T @ stiffness
-        stiffness = stiffness - pins @ left - left.T @ pins.T + pins @ (left @ pins + np.eye(pins.shape[1])) @ pins.T
+        right = left.T if symmetric else stiffness @ pins
+        stiffness = stiffness - pins @ left - right @ pins.T + pins @ (left @ pins + np.eye(pins.shape[1])) @ pins.T
         return cls(spread, stiffness + jnp.where(is_circle, 1.0 / N, 0.0))
 
 
@@ -55,12 +56,12 @@ class Constraint(eqx.Module):
     tension: linear.AbstractFactoredDense
 
     @classmethod
-    def of(cls, surfaces: Surfaces, mobility: AbstractMobility, is_circle: Bool[Array, " M"], cut: int) -> "Constraint":
+    def of(
+        cls, curves: Curve, spread: Float[Array, "M 2 N N"], is_circle: Bool[Array, " M"], cut: int, *, symmetric: bool
+    ) -> "Constraint":
         """Builds the constraint for each membrane; `cut` modes are filtered from tensions."""
-        blocks = jax.vmap(lambda *parts: TensionBlock.of(*parts, cut))(
-            surfaces.curves, mobility.own_of_derivative(surfaces), is_circle
-        )
-        return cls(blocks.spread, linear.factor_blocks(blocks.stiffness, positive_definite=True))
+        blocks = jax.vmap(lambda *parts: TensionBlock.of(*parts, cut, symmetric=symmetric))(curves, spread, is_circle)
+        return cls(blocks.spread, linear.factor_blocks(blocks.stiffness, positive_definite=symmetric))
 
 
 def stretch_response(velocity: StokesBlocks, target: Curve, source: Curve, cut: int) -> Float[Array, "N N"]:

@@ -1,6 +1,6 @@
 r"""The matrices of the linear part A for the shapes, at one instant.
 
-    A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q
+    A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q,  G = S or, with two viscosities, A_ν⁻¹ S
 
 Geometry and tension are fixed. The metric is taken as uniform, because the projection keeps it so. `cut` modes are
 removed from x, `surface_cut` modes from tensions.
@@ -22,6 +22,7 @@ from ..numerics.arrays import PerVesicle, Scalar, VesicleNodes
 from ..operators.surfaces import Surfaces
 from ..potentials.self_stokes import StokesBlocks
 from .inextensible import Constraint
+from .mobility import AbstractInside
 
 
 def _elastic_matrix(curve: Curve, sigma: Float[Array, " N"], bending: Scalar, cut: int) -> Float[Array, "N N"]:
@@ -35,23 +36,32 @@ def _elastic_matrix(curve: Curve, sigma: Float[Array, " N"], bending: Scalar, cu
 
 def shape_block(
     curve: Curve,
-    own: StokesBlocks,
+    slp: StokesBlocks,
     sigma: Float[Array, " N"],
     bending: Scalar,
     constraint: Constraint,
+    inside: AbstractInside | None,
     *,
     cut: int,
     surface_cut: int,
 ) -> Float[Array, "n n"]:
-    """Returns A_x of one membrane, with 2N unknowns ordered by component, node; `own` is its mobility."""
+    """Returns A_x of one membrane, with 2N unknowns ordered by component, node.
+
+    `slp` is its single layer, and `inside` the effect of the inner fluid, or None for equal viscosities.
+    """
     D = fourier.derivative_matrix(sigma.shape[0])
     K = jnp.mean(curve.speed) * _elastic_matrix(curve, sigma, bending, cut)
-    xx, xy, yy = own.xx @ K, own.xy @ K, own.yy @ K
-    d_xx, d_xy, d_yy = D @ xx, D @ xy, D @ yy
+    xx, xy, yy = slp.xx @ K, slp.xy @ K, slp.yy @ K
     tx, ty = curve.tangent[:, :1], curve.tangent[:, 1:]
-    stretch = jnp.concatenate([tx * d_xx + ty * d_xy, tx * d_xy + ty * d_yy], axis=1)
+    if inside is None:
+        d_xx, d_xy, d_yy = D @ xx, D @ xy, D @ yy
+        stretch = jnp.concatenate([tx * d_xx + ty * d_xy, tx * d_xy + ty * d_yy], axis=1)
+        velocity = jnp.concatenate([xx, xy], 1), jnp.concatenate([xy, yy], 1)
+    else:
+        rows = jnp.concatenate([xx, xy], 1), jnp.concatenate([xy, yy], 1)
+        velocity = jnp.split(inside.solve_columns(jnp.concatenate(rows)), 2)
+        stretch = tx * (D @ velocity[0]) + ty * (D @ velocity[1])
     response = constraint.tension.solve_columns(fourier.low_pass_rows(stretch, surface_cut))
-    velocity = jnp.concatenate([xx, xy], 1), jnp.concatenate([xy, yy], 1)
     rows = [row + part @ response for row, part in zip(velocity, constraint.spread, strict=True)]
     return jnp.concatenate([fourier.low_pass_rows(row, cut) for row in rows], axis=0)
 

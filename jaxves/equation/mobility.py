@@ -1,55 +1,129 @@
 r"""Velocities of the membranes from forces on the fluid.
 
-All other files use the mobility and not the single layer. Fluids with two viscosities, or walls, can therefore be added
-as another mobility.
+All other files use the mobility and not the single layer. `EqualViscosities` is the mobility of one viscosity;
+`contrast` has that of two. Walls can be added as another one.
 """
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
-from ..numerics import fourier
-from ..numerics.arrays import VesiclePoints
+from ..numerics import fourier, linear
+from ..numerics.arrays import VesicleNodes, VesiclePoints
 from ..operators.surfaces import Surfaces
+from ..physics import membrane
 from ..potentials.self_stokes import StokesBlocks
+from .inextensible import Constraint, solve_tension
 
 
-class AbstractMobility(eqx.Module):
-    """The velocities that forces and an imposed flow cause."""
+class Moved(eqx.Module):
+    """The velocity (M, N, 2) of membranes that do not stretch, with the tension σ (M, N) and its force.
+
+    `constraint` has the factors for the tension, and `solutions` are the linear solutions.
+    """
+
+    velocity: VesiclePoints
+    sigma: VesicleNodes
+    f_tension: VesiclePoints
+    constraint: Constraint
+    solutions: list[linear.Solution]
+
+
+class AbstractInside(eqx.Module):
+    """The effect of the inner fluid on the motion of one membrane, for a viscosity that differs."""
 
     @abc.abstractmethod
-    def velocity(self, surfaces: Surfaces, force: VesiclePoints, imposed: VesiclePoints | None = None) -> VesiclePoints:
+    def solve_columns(self, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        """Returns the velocities of the nodes for the velocities b that equal viscosities would give.
+
+        Both have 2N rows, ordered by component, node.
+        """
+
+
+class AbstractResponse(eqx.Module):
+    """The velocities that forces and an imposed flow cause at one instant.
+
+    `inside` has the effect of the inner fluid on each membrane; it is None for equal viscosities.
+    """
+
+    surfaces: eqx.AbstractVar[Surfaces]
+    inside: eqx.AbstractVar[AbstractInside | None]
+
+    @abc.abstractmethod
+    def velocity(self, force: VesiclePoints, imposed: VesiclePoints | None = None) -> VesiclePoints:
         """Returns the velocity of all nodes (M, N, 2) from forces per arc length and an imposed flow at the nodes.
 
         It is linear in both together.
         """
 
     @abc.abstractmethod
-    def own(self, surfaces: Surfaces) -> StokesBlocks:
-        """Returns the matrices (M, N, N) from |x_α| times a force per arc length to the own velocity."""
+    def spread(self) -> Float[Array, "M 2 N N"]:
+        """Returns the matrices from the tension σ of each membrane to its own velocity."""
+
+    def constraint(self, is_circle: Bool[Array, " M"], cut: int) -> Constraint:
+        """Returns the constraint of every membrane; `cut` modes are filtered from tensions."""
+        return Constraint.of(self.surfaces.curves, self.spread(), is_circle, cut, symmetric=self.inside is None)
+
+    def moved(
+        self,
+        force: VesiclePoints,
+        imposed: VesiclePoints | None,
+        is_circle: Bool[Array, " M"],
+        *,
+        cut: int,
+        direct: bool,
+    ) -> Moved:
+        """Returns the velocity with the tension that keeps the membranes from stretching; see `solve_tension`."""
+        curves = self.surfaces.curves
+        velocity = self.velocity(force, imposed)
+        constraint = self.constraint(is_circle, cut)
+        stretch = curves.speed * jax.vmap(membrane.stretch_rate)(curves, velocity)
+        solution = solve_tension(self.surfaces, constraint, fourier.low_pass(stretch, cut), cut=cut, direct=direct)
+        f_tension = jax.vmap(membrane.linear_tension_force)(curves, solution.value)
+        return Moved(velocity + self.velocity(f_tension), solution.value, f_tension, constraint, [solution])
+
+
+class AbstractMobility(eqx.Module):
+    """The law of motion. `needs_dlp` says whether it needs the Stokes double layer of the membranes."""
+
+    needs_dlp: ClassVar[bool] = False
 
     @abc.abstractmethod
-    def own_of_derivative(self, surfaces: Surfaces) -> StokesBlocks:
-        """Returns `own` times ∂_α (M, N, N): from a density g to the velocity that the force ∂_s g causes."""
+    def at(self, surfaces: Surfaces) -> AbstractResponse:
+        """Returns the response of the membranes at one instant."""
 
 
 class EqualViscosities(AbstractMobility):
     """One viscosity inside and outside: the velocity is v_∞ + S[f], without a system to solve."""
 
-    def velocity(self, surfaces: Surfaces, force: VesiclePoints, imposed: VesiclePoints | None = None) -> VesiclePoints:
-        velocity = surfaces.stokes(force)
+    def at(self, surfaces: Surfaces) -> "EqualResponse":
+        return EqualResponse(surfaces)
+
+
+class EqualResponse(AbstractResponse):
+    """The response for one viscosity."""
+
+    surfaces: Surfaces
+    inside: None = None
+
+    def velocity(self, force: VesiclePoints, imposed: VesiclePoints | None = None) -> VesiclePoints:
+        velocity = self.surfaces.stokes(force)
         return velocity if imposed is None else velocity + imposed
 
-    def own(self, surfaces: Surfaces) -> StokesBlocks:
-        return surfaces.stokes_slp
+    def spread(self) -> Float[Array, "M 2 N N"]:
+        surfaces = self.surfaces
+        return jax.vmap(own_spread)(surfaces.curves, surfaces.stokes_slp, surfaces.laplace_slp)
 
-    def own_of_derivative(self, surfaces: Surfaces) -> StokesBlocks:
-        D = fourier.derivative_matrix(surfaces.curves.speed.shape[1])
 
-        def of_one(stokes_slp, laplace_slp):
-            xx, xy, log = stokes_slp.xx @ D, stokes_slp.xy @ D, laplace_slp @ D
-            # S_yy = log + const - S_xx, and the constant times ∂ is zero, so S_yy ∂ needs no further product.
-            return StokesBlocks(xx, xy, log - xx)
-
-        return jax.vmap(of_one)(surfaces.stokes_slp, surfaces.laplace_slp)
+def own_spread(curve, stokes_slp: StokesBlocks, laplace_slp: Float[Array, "N N"]) -> Float[Array, "2 N N"]:
+    """Returns the matrices of S T of one membrane: the velocity S[(σ x_s)_s]. The weight |x_α| cancels that of ∂_s."""
+    D = fourier.derivative_matrix(curve.speed.shape[0])
+    xx, xy, log = stokes_slp.xx @ D, stokes_slp.xy @ D, laplace_slp @ D
+    # S_yy = log + const - S_xx, and the constant times ∂ is zero, so S_yy ∂ needs no further product.
+    yy = log - xx
+    tx, ty = curve.tangent[:, 0], curve.tangent[:, 1]
+    return jnp.stack([xx * tx + xy * ty, xy * tx + yy * ty])

@@ -107,6 +107,12 @@ class FieldTable(Table):
     time: choice(ConstantTime, PulseTime, SineTime, TabulatedTime) | None = None
 
 
+class FluidTable(Table):
+    """The fluids. Without this table, and without ratios of single vesicles, all viscosities are equal."""
+
+    viscosity_ratio: key(physical_numbers.VISCOSITY_RATIO)
+
+
 class FlowTable(Table):
     """An imposed flow, linear in position."""
 
@@ -205,6 +211,7 @@ class SceneFile(Table):
         BeforeValidator(_tables),
     ] = None
     pair: PairTable | None = None
+    fluid: FluidTable | None = None
     field: FieldTable | None = None
     flow: choice(ShearFlow, ExtensionFlow, LinearFlow) | None = None
     stop: StopTable | None = None
@@ -227,6 +234,7 @@ class SceneFile(Table):
             raise refusal(f"exactly one [[vesicle]] to copy, not {len(self.vesicle)}", "pair", {})
         if self.field is None:
             self._has_nothing_electric()
+        self._has_one_viscosity_if_several()
         self._is_clear_of_contact()
         return self
 
@@ -238,6 +246,16 @@ class SceneFile(Table):
                     raise refusal(f"a [field], without which no {name} matters", f"vesicle[{i}].{name}", value)
         if self.stop is not None and self.stop.class_ is not None:
             raise refusal("a [field], along which a vesicle is prolate or oblate", "stop.class", self.stop.class_)
+
+    def _has_one_viscosity_if_several(self) -> None:
+        if len(self.vesicles()) == 1:
+            return
+        wanted = "no such key for more than one vesicle"
+        if self.fluid is not None:
+            raise refusal(wanted, "fluid.viscosity_ratio", self.fluid.viscosity_ratio)
+        for i, vesicle in enumerate(self.vesicle):
+            if vesicle.viscosity_ratio is not None:
+                raise refusal(wanted, f"vesicle[{i}].viscosity_ratio", vesicle.viscosity_ratio)
 
     def _is_clear_of_contact(self) -> None:
         vesicles = self.vesicles()

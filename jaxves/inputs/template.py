@@ -28,10 +28,14 @@ center = [0.0, 0.0]
 relaxed = false              # true: relax to equilibrium before the run, without field or flow
 # {vesicle.disturbance}
 # {own}: optional; default: those of [field]
+# viscosity_ratio: optional; default: that of [fluid]
 
 # [pair]                     # two copies of the one vesicle
 # {pair.separation}
 # {pair.offset_angle}
+
+# [fluid]                    # without it both viscosities are equal; only for a single vesicle
+# {fluid.viscosity_ratio}
 
 [field]                      # electric
 {field.beta}

@@ -15,7 +15,10 @@ from .key_types import Count, Flag, Pair, PointList, Text, key, optional_key
 
 
 class VesicleTable(Table):
-    """The keys of vesicles of every shape. Electrical numbers that are absent are those of [field]."""
+    """The keys of vesicles of every shape.
+
+    Electrical numbers that are absent are those of [field], and the viscosity ratio is that of [fluid].
+    """
 
     told_apart_by: ClassVar[str] = "shape"
 
@@ -29,6 +32,7 @@ class VesicleTable(Table):
     membrane_conductance: optional_key(physical_numbers.MEMBRANE_CONDUCTANCE)
     chi: optional_key(physical_numbers.CHI)
     permittivity_ratio: optional_key(physical_numbers.PERMITTIVITY_RATIO)
+    viscosity_ratio: optional_key(physical_numbers.VISCOSITY_RATIO)
 
     @abc.abstractmethod
     def polygon(self) -> outlines.Polygon:

@@ -22,7 +22,7 @@ class Checks(eqx.Module):
 
     `tail` is the largest spectral tail. `film` is the largest estimated relative error of the drainage rate of a film
     that is thinner than the node spacing. `drift` is the largest relative change of area and perimeter. `steady` is the
-    speed below which a run ends as steady, or None.
+    speed below which a run ends as steady, or None. With a viscosity ratio ν > 1 it is divided by (1 + ν)/2.
     """
 
     tail: float = eqx.field(static=True, default=ROUGH)
@@ -36,6 +36,10 @@ class Checks(eqx.Module):
         if self.steady is not None:
             changes = jax.tree.leaves(rates_on_outline(equation.motion(t, y), y))
             fastest = jnp.max(jnp.stack([jnp.max(jnp.abs(change)) for change in changes]))
+            ratio = equation.scene.viscosity_ratio
+            if ratio is not None:
+                # Shapes relax (1 + ν)/2 times as slowly.
+                fastest = fastest * jnp.maximum(1.0, 0.5 * (1 + jnp.max(ratio)))
             code = jnp.where((fastest < self.steady) & (t > 0), status.STEADY, code)
         unresolved = jnp.max(row.diagnostics["spectral_tail"]) > self.tail
         # The neck or fold is too narrow for the self-interaction kernels.

@@ -2,12 +2,15 @@ r"""Computes the diagnostics of a state. `quantities` has their names, units and
 
 Particle stress, with the force f_hd that membranes exert on the fluid:
 
-    Σ_ab = -(1/A) Σ ∮ (f_hd)_a x_b ds,   A the total area,   [μ] = Σ_12 / Ca in shear
+    Σ_ab = (1/A) Σ [-∮ (f_hd)_a x_b ds + (ν - 1) ∮ (v_a n_b + n_a v_b) ds],   A the total area,   [μ] = Σ_12/Ca in shear
 
 In a field Σ is not symmetric, because the field exerts a torque. Energy balance at every instant:
 
     dE_b/dt = power of the flow + power of the field - dissipation,     E_b = ½ ∮ κ_B κ² ds
-    dissipation = ∮ f_hd · S[f_hd] ds,  flow = -∮ f_hd · v_∞ ds,  field = -∮ f_el · dx/dt ds
+    dissipation = ∮ f_hd · v' ds - R,  flow = -∮ f_hd · v_∞ ds - R,  field = -∮ f_el · dx/dt ds
+    v' = dx/dt - v_∞,   R = Σ (ν - 1) ∮ n·(∇v_∞ + ∇v_∞ᵀ)·v' ds
+
+The dissipation is that of the flow v' in both fluids. R is zero for equal viscosities.
 
 The tension drives the drainage of the film between two membranes. Errors of the tension matter more for thinner films.
 If the gap d is smaller than the node spacing, the relative error of the drainage rate is about τ/(2d)². Here τ is the
@@ -49,7 +52,7 @@ def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
     curves = motion.surfaces.curves
     theta = jax.vmap(geometry.inclination)(curves)
     return {
-        "stress": stress(motion),
+        "stress": stress(motion, scene),
         "tank_treading_speed": jax.vmap(tank_treading_speed)(curves, motion.velocity),
         "deformation": jax.vmap(geometry.deformation, in_axes=(0, None))(curves, jnp.array([0.0, 1.0])),
         "director": jnp.stack([jnp.cos(2 * theta), jnp.sin(2 * theta)], axis=-1),

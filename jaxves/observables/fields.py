@@ -2,6 +2,9 @@ r"""Velocity, pressure, potential and electric field at any points, at one insta
 
     u = v_∞ + S_Stokes[f_hd],   p = P_Stokes[f_hd]       φ = -E_∞·x + S q - D V_m,   E = -∇φ       of all membranes
 
+With two viscosities D_Stokes[(1 - ν) v] is added to u and its pressure to p, and u is divided by ν inside. For the
+rigid part of v this potential is known, so that large ν do not multiply its quadrature error.
+
 Points may be at any distance from the membranes. On a membrane, fields that jump have the limit from the side of the
 point. Near a membrane, close evaluation is used. Farther away, the trapezoidal rule on four times as many nodes
 is exact to round-off and several times cheaper; the limit is the paper's 5h rule. Points are sorted by the membrane
@@ -19,6 +22,7 @@ from ..equation.state import Unknowns
 from ..geometry.curve import Curve
 from ..numerics import fourier
 from ..numerics.arrays import Points, Scalar, ScalarLike, as_float
+from ..physics.rigid import RigidMotion
 from ..potentials import close_laplace, close_stokes, far
 from ..potentials.close_laplace import CloseGeometry
 
@@ -43,12 +47,13 @@ class Surroundings(eqx.Module):
 
 
 class _Membrane(eqx.Module):
-    """One membrane with its densities; with a leading axis, all of them."""
+    """One membrane with its densities; with a leading axis, all of them. A density that is absent is None."""
 
     curve: Curve
     f_hd: Float[Array, "*batch N 2"]
     q: Float[Array, "*batch N"] | None
     V_m: Float[Array, "*batch N"] | None
+    u: Float[Array, "*batch N 2"] | None = None  # (1 - ν) times the velocity without its rigid part
 
 
 def fields_at(equation: Equation, t: ScalarLike, y: Unknowns, points: Points) -> Surroundings:
@@ -64,7 +69,11 @@ def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surro
     scene = equation.scene
     motion = equation.motion(t, y)
     q = None if motion.electric is None else motion.electric.charge
-    membranes = _Membrane(motion.surfaces.curves, motion.f_hd, q, y.V_m)
+    ratio, curves, u = scene.viscosity_ratio, motion.surfaces.curves, None
+    if ratio is not None:
+        turning = jax.vmap(RigidMotion.nearest)(curves, motion.velocity)
+        u = (1 - ratio)[:, None, None] * (motion.velocity - jax.vmap(RigidMotion.at)(turning, curves.x))
+    membranes = _Membrane(curves, motion.f_hd, q, y.V_m, u)
 
     M, P = y.x.shape[0], points.shape[0]
     is_near, enclosed = jax.lax.map(lambda point: _place(membranes.curve, point), points, batch_size=_CHUNK)
@@ -85,6 +94,10 @@ def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surro
         E_inf = scene.field.E_inf(t)
         potential, electric_field = electric[0] - points @ E_inf, E_inf - electric[1]
     inside = jnp.where(jnp.any(enclosed, axis=1), jnp.argmax(enclosed, axis=1), -1)
+    if ratio is not None:
+        rigid = jax.vmap(RigidMotion.at, in_axes=(0, None))(turning, points)
+        within = (velocity + jnp.einsum("m,mpa,pm->pa", ratio - 1, rigid, enclosed)) / ratio[inside][:, None]
+        velocity = jnp.where((inside >= 0)[:, None], within, velocity)
     return Surroundings(velocity, pressure, potential, electric_field, inside)
 
 
@@ -134,6 +147,9 @@ def _closely(membrane: _Membrane, targets: Points):
     close = CloseGeometry.of(membrane.curve, targets)
     q, V_m = membrane.q, membrane.V_m
     fields = close_stokes.stokes_slp(close, membrane.f_hd), close_stokes.stokes_slp_pressure(close, membrane.f_hd)
+    if membrane.u is not None:
+        double = close_stokes.stokes_dlp(close, membrane.u), close_stokes.stokes_dlp_pressure(close, membrane.u)
+        fields = fields[0] + double[0], fields[1] + double[1]
     if q is not None:
         potential = close_laplace.laplace_slp(close, q) - close_laplace.laplace_dlp(close, V_m)
         gradient = close_laplace.laplace_slp_gradient(close, q) - close_laplace.laplace_dlp_gradient(close, V_m)
@@ -151,6 +167,10 @@ def _widely(membrane: _Membrane, targets: Points):
     curves = jax.vmap(Curve.from_nodes)(finer(membrane.curve.x))
     f_hd = finer(membrane.f_hd)
     fields = far.stokes_slp(curves, f_hd, targets), far.stokes_slp_pressure(curves, f_hd, targets)
+    if membrane.u is not None:
+        u = finer(membrane.u)
+        double = far.stokes_dlp(curves, u, targets), far.stokes_dlp_pressure(curves, u, targets)
+        fields = fields[0] + double[0], fields[1] + double[1]
     if membrane.q is not None:
         q, V_m = finer(membrane.q), finer(membrane.V_m)
         potential = far.laplace_slp(curves, q, targets) - far.laplace_dlp(curves, V_m, targets)

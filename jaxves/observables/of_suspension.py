@@ -10,22 +10,28 @@ from ..geometry import extremes
 from ..geometry.curve import Curve
 from ..operators.interactions import over_pairs
 from ..physics import membrane
+from ..physics.scene import Scene
 from .of_field import angle_of
 from .registry import Instant, gives
 
 
-def stress(motion: Motion) -> Array:
+def stress(motion: Motion, scene: Scene) -> Array:
     """Returns the particle stress tensor (2, 2). Its value does not depend on the origin of the positions."""
     curves = motion.surfaces.curves
     centers = jax.vmap(geometry.centroid)(curves)
     arm = (curves.x - jnp.mean(centers, axis=0)) * curves.weights[..., None]
-    return -jnp.einsum("mna,mnb->ab", motion.f_hd, arm) / jnp.sum(jax.vmap(geometry.area)(curves))
+    moment = -jnp.einsum("mna,mnb->ab", motion.f_hd, arm)
+    if scene.viscosity_ratio is not None:
+        excess = (scene.viscosity_ratio - 1)[:, None, None] * curves.normal * curves.weights[..., None]
+        outer = jnp.einsum("mna,mnb->ab", motion.velocity, excess)
+        moment = moment + outer + outer.T
+    return moment / jnp.sum(jax.vmap(geometry.area)(curves))
 
 
 @gives("stress", "effective_viscosity")
 def of_stress(instant: Instant, found) -> dict[str, Array]:
     """Particle stress, and in a flow the intrinsic viscosity."""
-    out = {"stress": stress(instant.motion)}
+    out = {"stress": stress(instant.motion, instant.scene)}
     if instant.scene.flow is not None:
         out["effective_viscosity"] = instant.scene.flow.effective_viscosity(out["stress"])
     return out
@@ -69,10 +75,18 @@ def of_powers(instant: Instant, found) -> dict[str, Array]:
         imposed = scene.flow.velocity(y.x, t)
         disturbance = disturbance - imposed
         out["power_flow"] = -jnp.sum(weights * motion.f_hd * imposed)
+        if scene.viscosity_ratio is not None:
+            # The viscosity that the inner fluid has in excess resists the imposed rate of strain by this force.
+            gradient = scene.flow.gradient(t)
+            excess = (scene.viscosity_ratio - 1)[:, None, None] * (curves.normal @ (gradient + gradient.T))
+            resistance = jnp.sum(weights * excess * disturbance)
+            out["power_flow"] = out["power_flow"] - resistance
     if scene.field is not None:
         out["power_electric"] = -jnp.sum(weights * motion.electric.traction * motion.velocity)
     supplied = sum(out.values(), start=jnp.zeros(()))
     out["dissipation"] = jnp.sum(weights * motion.f_hd * disturbance)
+    if scene.flow is not None and scene.viscosity_ratio is not None:
+        out["dissipation"] = out["dissipation"] - resistance
     out["power_balance"] = energy_rate + out["dissipation"] - supplied
     return out
 

@@ -2,7 +2,8 @@ r"""All membranes at one instant, with their layer potentials.
 
 `Surfaces` has the geometry and the Nyström kernels of every membrane, as (M, ...) arrays. Its methods apply the
 potentials of all membranes to densities (M, N) or (M, N, 2), and return values at all nodes. A single membrane has no
-`interactions`, so their code is not compiled. The electric kernel is computed only if there is a field.
+`interactions`, so their code is not compiled. The electric kernel is computed only if there is a field, and the Stokes
+double layer only if there are two viscosities.
 """
 
 import equinox as eqx
@@ -28,6 +29,7 @@ class Surfaces(eqx.Module):
     stokes_slp: StokesBlocks
     laplace_slp_dn: Float[Array, "*batch N N"] | None
     interactions: AbstractInteractions | None = None
+    stokes_dlp: StokesBlocks | None = None
 
     @classmethod
     def of(
@@ -35,20 +37,22 @@ class Surfaces(eqx.Module):
         x: VesiclePoints,
         *,
         electric: bool,
+        contrast: bool = False,
         coupling: AbstractCoupling | None = None,
         domain: AbstractDomain | None = None,
         refinement: Refinement | None = None,
     ) -> "Surfaces":
         """Computes geometry and kernels at nodes x.
 
-        `electric` adds the kernel for a field, `coupling` the interactions, and `refinement` sets the finer grids.
+        `electric` adds the kernel for a field, `contrast` that for two viscosities, `coupling` the interactions, and
+        `refinement` sets the finer grids.
         """
-        curves, own = self_kernels(x, electric=electric, refinement=refinement)
+        curves, own = self_kernels(x, electric=electric, contrast=contrast, refinement=refinement)
         interactions = None
         if coupling is not None:
             with jax.named_scope("interactions"):
                 interactions = coupling.between(curves, Free() if domain is None else domain, electric=electric)
-        return cls(curves, own.laplace_slp, own.stokes_slp, own.laplace_slp_dn, interactions)
+        return cls(curves, own.laplace_slp, own.stokes_slp, own.laplace_slp_dn, interactions, own.stokes_dlp)
 
     def d_ds(self, f: Float[Array, "M N *rest"]) -> Float[Array, "M N *rest"]:
         """Returns ∂f/∂s on every membrane."""

@@ -14,7 +14,14 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..base.arguments import Bounded, is_known, refusal, require, require_count
 from ..base.bounds import FINITE
-from ..base.physical_numbers import BENDING, CHI, MEMBRANE_CONDUCTANCE, PER_VESICLE, PERMITTIVITY_RATIO
+from ..base.physical_numbers import (
+    BENDING,
+    CHI,
+    MEMBRANE_CONDUCTANCE,
+    PER_VESICLE,
+    PERMITTIVITY_RATIO,
+    VISCOSITY_RATIO,
+)
 from ..geometry import shapes as curves
 from ..geometry import starts
 from ..numerics.arrays import PerVesicle, VesiclePoints, as_float, require_x64
@@ -29,6 +36,7 @@ class Scene(Bounded):
 
     `x` are the nodes (M, N, 2), counter-clockwise and equispaced in arc length. `bending` is κ_B of each vesicle
     relative to the reference, (M,). The transmembrane potential starts at `V_m` (M, N), or at zero if that is None.
+    `viscosity_ratio` is ν of each vesicle, (M,), or None if both viscosities are equal.
 
     Known values are checked here. Traced values are checked in the run (`is_valid`), which then ends as `invalid`.
 
@@ -37,13 +45,14 @@ class Scene(Bounded):
             `make_scene`).
     """
 
-    bounds: ClassVar = {BENDING.key: BENDING.bounds}
+    bounds: ClassVar = {number.key: number.bounds for number in (BENDING, VISCOSITY_RATIO)}
 
     x: VesiclePoints = eqx.field(converter=as_float)
     bending: PerVesicle = eqx.field(converter=as_float)
     field: Field | None = None
     flow: AbstractFlow | None = None
     V_m: Float[Array, "M N"] | None = None
+    viscosity_ratio: PerVesicle | None = eqx.field(converter=lambda v: None if v is None else as_float(v), default=None)
 
     def __check_init__(self):
         require_x64()
@@ -55,6 +64,11 @@ class Scene(Bounded):
                 raise refusal(f"Scene.{name}", getattr(self, name), f"{wanted}, or None")
         if self.bending.shape != (M,):
             raise ValueError(f"Scene.bending must have shape {(M,)}, but has {self.bending.shape}.")
+        if self.viscosity_ratio is not None:
+            if self.viscosity_ratio.shape != (M,):
+                raise ValueError(f"Scene.viscosity_ratio must have shape {(M,)}, but has {self.viscosity_ratio.shape}.")
+            if M > 1:
+                raise refusal("Scene.viscosity_ratio", self.viscosity_ratio, "None for more than one vesicle")
         if self.field is not None and self.field.conductivity_ratio.shape != (M,):
             raise ValueError(
                 f"Scene.field has numbers for {len(self.field.conductivity_ratio)} vesicles, but Scene.x has {M}: "
@@ -96,6 +110,7 @@ def make_scene(
     *,
     centers=None,
     bending=BENDING.default,
+    viscosity_ratio=None,
     field: Field | None = None,
     flow: AbstractFlow | None = None,
 ) -> Scene:
@@ -103,13 +118,14 @@ def make_scene(
 
     Known nodes that are clockwise are reversed. Known nodes that are not equispaced in arc length are moved along the
     trigonometric interpolant of the curve until they are; the first node stays. Traced nodes are not changed, and a run
-    ends as `invalid` if they need a change. One number for `bending`, and the numbers of a `field` for one vesicle, are
-    used for all vesicles.
+    ends as `invalid` if they need a change. One number for `bending` or `viscosity_ratio`, and the numbers of a `field`
+    for one vesicle, are used for all vesicles.
 
     Args:
         shapes: nodes (N, 2) of one curve, or of several curves with the same even N.
         centers: (M, 2), or (2,) for one vesicle; added to the nodes of each curve. By default nothing is added.
         bending: κ_B relative to the reference, one number or (M,).
+        viscosity_ratio: ν, the viscosity inside over that outside, one number or (M,). With None both are equal.
         field: see `dc_field`.
         flow: `Shear`, `Extension` or `LinearFlow`.
 
@@ -126,11 +142,18 @@ def make_scene(
         if np.shape(centers) not in ({(M, 2), (2,)} if M == 1 else {(M, 2)}):
             raise ValueError(f"centers must have shape {(M, 2)}, one center a curve, but has {np.shape(centers)}.")
         x = x + jnp.reshape(as_float(centers), (M, 1, 2))
-    if np.shape(bending) not in ((), (M,)):
-        raise ValueError(f"bending must be one number or have shape {(M,)}, but has {np.shape(bending)}.")
+    bending = _for_each("bending", bending, M)
+    if viscosity_ratio is not None:
+        viscosity_ratio = _for_each("viscosity_ratio", viscosity_ratio, M)
     if isinstance(field, Field) and field.conductivity_ratio.shape == (1,):
         field = field.for_vesicles(M)
-    return Scene(as_float(x), jnp.broadcast_to(as_float(bending), (M,)), field, flow)
+    return Scene(as_float(x), bending, field, flow, viscosity_ratio=viscosity_ratio)
+
+
+def _for_each(name: str, value, M: int) -> PerVesicle:
+    if np.shape(value) not in ((), (M,)):
+        raise ValueError(f"{name} must be one number or have shape {(M,)}, but has {np.shape(value)}.")
+    return jnp.broadcast_to(as_float(value), (M,))
 
 
 def _stacked(shapes) -> Float[Array | np.ndarray, "M N 2"]:

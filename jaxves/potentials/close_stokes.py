@@ -7,7 +7,7 @@ r = x - y, D[1] = -1 inside. With complex f = f_1 + i f_2, g = f ν̄, C from `c
 
     S[f]                 = ½ S_Laplace[f] + ∮ f ds/8π + ¼ conj C[(ȳ - z̄) g]
     D[u]                 = D_Laplace[u] + ½ conj C[(z̄ - ȳ) du/dy]
-    p[f]                 = -Re C[g]
+    p[f]                 = -Re C[g],               p[u] = 2 Re C[du/dy], the pressure of D[u]
     ½(T_11 - T_22) + i T_12 = ½ conj C[f̄ ν̄ - f ν̄³ - (z̄ - ȳ) dg/dy],        T_11 + T_22 = -2p
 
 They follow from r r·f = ½ (|r|² f + r² f̄) and ∮ f ds/(y - z) = 2π C[f ν̄]. These are the combinations of Laplace
@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..numerics.arrays import NodePoints, Points
-from .cauchy import complex_of, real_of
+from .cauchy import complex_of, derivative, real_of
 from .close_laplace import CloseGeometry, slp_flux_matrix, slp_of_flux
 from .self_stokes import StokesBlocks
 
@@ -76,3 +76,18 @@ def stokes_dlp(close: CloseGeometry, u: NodePoints) -> Points:
     u = close.finer(u)
     du = close.rule.d_dz(complex_of(u))
     return -close.rule(u + 0j).real - 0.5 * real_of(jnp.conj(_against_distance(close, du)))
+
+
+def stokes_dlp_pressure(close: CloseGeometry, u: NodePoints) -> Float[Array, "P"]:
+    """Returns the pressure of D[u] at the targets."""
+    return 2 * close.rule(close.rule.d_dz(complex_of(close.finer(u)))).real
+
+
+def stokes_dlp_matrix(close: CloseGeometry) -> StokesBlocks:
+    """Returns the blocks of the matrix of D, which act on velocities at the nodes."""
+    rule = close.rule
+    equal = -rule.matrix().real
+    # Differentiation along the curve is antisymmetric, so it acts on rows with the opposite sign.
+    cross = -derivative(rule.matrix() * (jnp.conj(close.z - close.target[:, None]) / close.dz), axis=1)
+    blocks = equal - 0.5 * cross.real, 0.5 * cross.imag, equal + 0.5 * cross.real
+    return StokesBlocks(*(close.coarser(block) for block in blocks))

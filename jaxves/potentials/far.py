@@ -3,6 +3,8 @@ r"""Layer potentials of all membranes at points far from them, by the trapezoida
     S[q](x) = ∮ G(x-y) q(y) ds_y                  ∇S[q] = ∮ ∇_x G q ds
     D[V](x) = ∮ ∂G(x-y)/∂n_y V(y) ds_y            ∂G/∂n_y = r·n/(2π|r|²),   D[1] = -1 inside, 0 outside
     S[f]_a(x) = ∮ G_ab(x-y) f_b(y) ds_y           Stokes, viscosity 1; its pressure p[f] = ∮ r·f ds / 2π|r|²
+    D[u](x) = ∮ r (r·u) (r·n) ds / π|r|⁴          Stokes, D[1] = -1 inside, 0 outside; its pressure is
+                                                  p[u] = ∮ (2 (r·n) (r·u)/|r|⁴ - n·u/|r|²) ds / π
 
 `curves` has M membranes (leaves (M, N, ...)), densities are (M, N) or (M, N, 2), targets (P, 2). The result is the sum
 over all membranes. At a distance d from a membrane with node spacing h the error is about exp(-2πd/h). That is 13
@@ -96,3 +98,21 @@ def stokes_slp_pressure(curves: Curve, f: VesiclePoints, targets: Points) -> Flo
     """Returns the pressure of S[f] at the targets."""
     kernel = kernels.stokeslet_pressure(separations(curves, targets))
     return jnp.einsum("pmna,mna->p", kernel, f * _weights(curves)[..., None])
+
+
+def stokes_dlp(curves: Curve, u: VesiclePoints, targets: Points) -> Points:
+    """Returns the velocity D[u] at the targets."""
+    rx, ry, inverse_r2 = _to_sum(curves, targets)
+    ux, uy = (u * _weights(curves)[..., None]).reshape(-1, 2).T
+    nx, ny = curves.normal.reshape(-1, 2).T
+    along = (rx * ux + ry * uy) * (rx * nx + ry * ny) * inverse_r2**2
+    return jnp.stack([jnp.sum(rx * along, axis=1), jnp.sum(ry * along, axis=1)], axis=-1) / np.pi
+
+
+def stokes_dlp_pressure(curves: Curve, u: VesiclePoints, targets: Points) -> Float[Array, "P"]:
+    """Returns the pressure of D[u] at the targets."""
+    rx, ry, inverse_r2 = _to_sum(curves, targets)
+    ux, uy = (u * _weights(curves)[..., None]).reshape(-1, 2).T
+    nx, ny = curves.normal.reshape(-1, 2).T
+    kernel = 2 * (rx * ux + ry * uy) * (rx * nx + ry * ny) * inverse_r2 - (nx * ux + ny * uy)
+    return jnp.sum(kernel * inverse_r2, axis=1) / np.pi

@@ -22,7 +22,7 @@ from ..geometry.curve import Curve
 from ..numerics import fourier
 from ..numerics.arrays import NodeMatrix, NodePoints, VesiclePoints, staged
 from ..numerics.batching import greatest
-from . import self_laplace, self_stokes
+from . import self_laplace, self_stokes, self_stokes_dlp
 from .chords import Chords
 from .self_stokes import StokesBlocks
 
@@ -31,24 +31,26 @@ RESOLVED = 0.25  # node spacings; at shorter distances the error of the finest g
 
 
 class SelfKernels(eqx.Module):
-    """Kernels of S, Stokes S and, with a field, S' of one membrane; they act on |x_α| times a density.
+    """Kernels of S, Stokes S and, where needed, S' and Stokes D of one membrane; they act on |x_α| times a density.
 
-    All of them but S' are symmetric.
+    S' is there with a field, and Stokes D with two viscosities. The first two are symmetric.
     """
 
     laplace_slp: Float[Array, "*batch N N"]
     stokes_slp: StokesBlocks
     laplace_slp_dn: Float[Array, "*batch N N"] | None
+    stokes_dlp: StokesBlocks | None = None
 
     @classmethod
-    def of(cls, curve: Curve, chords: Chords, *, electric: bool) -> "SelfKernels":
+    def of(cls, curve: Curve, chords: Chords, *, electric: bool, contrast: bool = False) -> "SelfKernels":
         """Computes the kernels by Kress's rule on the given nodes."""
         S = self_laplace.slp(chords)
         S_dn = self_laplace.slp_dn(curve, chords) if electric else None
-        return cls(S, self_stokes.slp(curve, chords, S), S_dn)
+        D = self_stokes_dlp.dlp(curve, chords) if contrast else None
+        return cls(S, self_stokes.slp(curve, chords, S), S_dn, D)
 
     @classmethod
-    def refined(cls, x: NodePoints, factor: int, *, electric: bool) -> "SelfKernels":
+    def refined(cls, x: NodePoints, factor: int, *, electric: bool, contrast: bool = False) -> "SelfKernels":
         """Computes the kernels by Kress's rule on a grid that is `factor` times finer."""
         R = staged(fourier.resampling_matrix(x.shape[0], factor * x.shape[0]))
 
@@ -59,7 +61,7 @@ class SelfKernels(eqx.Module):
         d1 = fourier.derivative(x, axis=0)
         fine = R @ jnp.concatenate([x, d1, fourier.derivative(d1, axis=0)], axis=1)
         curve = Curve.from_derivatives(fine[:, :2], fine[:, 2:4], fine[:, 4:])
-        return jax.tree.map(coarser, cls.of(curve, Chords.of(curve), electric=electric))
+        return jax.tree.map(coarser, cls.of(curve, Chords.of(curve), electric=electric, contrast=contrast))
 
 
 class Refinement(eqx.Module):
@@ -91,22 +93,24 @@ def _nearest2(curve: Curve) -> Float[Array, ""]:
 
 
 def self_kernels(
-    x: VesiclePoints, *, electric: bool, refinement: Refinement | None = None
+    x: VesiclePoints, *, electric: bool, contrast: bool = False, refinement: Refinement | None = None
 ) -> tuple[Curve, SelfKernels]:
     """Returns curves and kernels of all membranes. All use the refinement that the narrowest distance requires.
 
+    `electric` adds the kernel of S', `contrast` that of the Stokes double layer.
     `refinement` has the grids to choose from; the default is 1, 2, 4 and 8 times as many nodes.
     """
     refinement = Refinement() if refinement is None else refinement
+    which = dict(electric=electric, contrast=contrast)
     curves = jax.vmap(Curve.from_nodes)(x)
 
     def plain(curves, x):
-        return jax.vmap(lambda curve: SelfKernels.of(curve, Chords.of(curve), electric=electric))(curves)
+        return jax.vmap(lambda curve: SelfKernels.of(curve, Chords.of(curve), **which))(curves)
 
     def finer(factor: int):
         # One membrane at a time, to save memory. The kernels are recomputed for derivatives, because all branches of a
         # switch would store what one of them stores.
-        kernels = jax.checkpoint(lambda x: SelfKernels.refined(x, factor, electric=electric))
+        kernels = jax.checkpoint(lambda x: SelfKernels.refined(x, factor, **which))
         return lambda curves, x: jax.lax.map(kernels, x)
 
     branches = [plain, *(finer(factor) for factor in refinement.factors[1:])]

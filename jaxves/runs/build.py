@@ -19,6 +19,7 @@ from ..inputs.scene_tables import (
     ExtensionFlow,
     FieldTable,
     FlowTable,
+    FluidTable,
     LinearFlow,
     PulseTime,
     SceneFile,
@@ -43,6 +44,7 @@ def build(scene_file: SceneFile) -> Scene:
     return make_scene(
         [_nodes(vesicle, N) for vesicle in vesicles],
         bending=jnp.stack([as_float(vesicle.bending) for vesicle in vesicles]),
+        viscosity_ratio=_viscosity_ratio(scene_file.fluid, vesicles),
         field=_field(scene_file.field, vesicles),
         flow=_flow(scene_file.flow),
     )
@@ -100,6 +102,15 @@ def _field(table: FieldTable | None, vesicles: tuple[VesicleTable, ...]) -> Fiel
         direction=table.direction,
         history=_history(table.time),
     )
+
+
+def _viscosity_ratio(table: FluidTable | None, vesicles: tuple[VesicleTable, ...]) -> Float[Array, "M"] | None:
+    """Returns ν of each vesicle, or None if no viscosity differs."""
+    own = [vesicle.viscosity_ratio for vesicle in vesicles]
+    if table is None and all(value is None for value in own):
+        return None
+    usual = 1.0 if table is None else table.viscosity_ratio
+    return jnp.stack([as_float(usual if value is None else value) for value in own])
 
 
 def _history(table: TimeTable | None) -> waveform.AbstractHistory | None:

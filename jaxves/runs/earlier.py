@@ -45,7 +45,8 @@ def started_from(path: str | Path, at: float | None, scene_file: SceneFile) -> t
     fields = np.concatenate([record.x[row], record.V_m[row][..., None]], -1) if has_potential else record.x[row]
     even = _evenly(finer_rows(fields[None], N)[0])
     try:
-        scene = Scene(even[..., :2], scene.bending, scene.field, scene.flow, even[..., 2] if has_potential else None)
+        V_m = even[..., 2] if has_potential else None
+        scene = Scene(even[..., :2], scene.bending, scene.field, scene.flow, V_m, scene.viscosity_ratio)
     except ValueError as error:
         raise StoreError(f"no run can start from {words}: {error}") from None
     return scene, words
