@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
+from jaxves import plots
 from jaxves.base import status
 from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
@@ -198,8 +199,8 @@ def main():
     row = int(np.argmin(np.abs(rows["t"] - neck["time"])))
     y = Unknowns.of(jnp.asarray(rows["x"][row]), jnp.asarray(rows["V_m"][row]))
     equation = equation_for(setting)
-    save(run_plots.streamlines(equation, rows["t"][row], y), "budding_streamlines")
-    save(run_plots.field_lines(equation, rows["t"][row], y), "budding_field_lines")
+    save(plots.streamlines(equation, rows["t"][row], y), "budding_streamlines")
+    save(plots.field_lines(equation, rows["t"][row], y), "budding_field_lines")
 
 
 if __name__ == "__main__":

@@ -60,6 +60,7 @@ _PUBLIC = {
     "inputs.scene_files": ("built_in_scenes", "read_scene"),
     "inputs.parameters": ("numbers",),
     "results.hdf5": ("StoreError",),
+    "results.loading": ("load",),
     "results.run_store": ("read_result",),
     "results.sweep_store": ("read_sweep",),
     "runs.build": ("scene_of",),

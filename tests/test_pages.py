@@ -20,8 +20,8 @@ WRITTEN = [
     if "reference" not in path.parts and path.parent.name != "experiments"
 ]
 PAGES = [*WRITTEN, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
-SMALL = {"t_end": 0.02, "saves": 2, "numerics": {"nodes": 16, "certify": False}}
-POP = {"vesicle": [{"reduced_area": 0.9}], "field": {"beta": 3.2, "conductivity_ratio": 0.1}}
+SMALL = {"t_end": 0.02, "saves": 2, "numerics": {"nodes": 32, "certify": False}}
+POP = {"vesicle": [{"reduced_area": 0.95}], "field": {"beta": 3.2, "conductivity_ratio": 0.1}}
 
 
 def blocks(language, pages):
@@ -45,9 +45,10 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize("block", blocks("python", (p for p in WRITTEN if p.name != "adding-a-number.md")))
-def test_python_runs(block, folder, monkeypatch):
+def test_python_runs(block, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     exec(block, {})
+    assert "nan" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("block", blocks("toml", PAGES))

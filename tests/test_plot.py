@@ -11,12 +11,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
+from jaxves import plots
 from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import shapes
 from jaxves.observables.fields import fields_at
 from jaxves.physics.scene import dc_field, make_scene
-from jaxves.plots import moments, run_plots
+from jaxves.plots import films, moments, run_plots
 
 T, N = 7, 32
 FIELD = "[field]\ndirection = [0.0, 1.0]\n"
@@ -221,7 +222,7 @@ def charged():
 
 def test_field_lines_reach_the_membrane_from_both_sides(charged):
     equation, y = charged
-    figure = run_plots.field_lines(equation, 0.1, y, resolution=60)
+    figure = plots.field_lines(equation, 0.1, y, resolution=60)
     lines, membrane = curves(figure.axes[0])
     radius = np.hypot(*segments_of(lines).reshape(-1, 2).T)
     assert ((radius < 0.8).sum() > 100) and ((radius > 1.2).sum() > 100)
@@ -234,7 +235,7 @@ def test_stream_lines_follow_the_fluid_and_show_the_tension():
     x = shapes.ellipse(N, 0.9, angle=0.4)  # a circle would hold still, and all velocities be round-off
     equation = equation_for(make_scene(x, field=dc_field(3.0, conductivity_ratio=0.1)))
     y = Unknowns.of(x[None], 0.5 * x[None, :, 1])
-    figure = run_plots.streamlines(equation, 0.1, y, resolution=60, window=(-2, 2, -2, 2))
+    figure = plots.streamlines(equation, 0.1, y, resolution=60, window=(-2, 2, -2, 2))
     ax = figure.axes[0]
     assert ax.get_xlim() == (-2, 2) and ax.get_ylim() == (-2, 2)
     assert any("lambda" in other.get_ylabel() for other in figure.axes)
@@ -250,21 +251,21 @@ def test_stream_lines_follow_the_fluid_and_show_the_tension():
 def test_field_lines_need_a_field():
     x = shapes.circle(N)
     with pytest.raises(ValueError, match="field"):
-        run_plots.field_lines(equation_for(make_scene(x)), 0.0, Unknowns.of(x[None]))
+        plots.field_lines(equation_for(make_scene(x)), 0.0, Unknowns.of(x[None]))
 
 
 def test_a_film_has_the_frames_asked_for(tmp_path):
     from PIL import Image
 
-    run_plots.animation(record(), tmp_path / "film.gif", frames=4)
+    films.animation(record(), tmp_path / "film.gif", frames=4)
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 4
 
 
 def test_a_film_that_cannot_be_written_is_refused(tmp_path, monkeypatch):
-    with pytest.raises(ValueError, match=r"\.gif or \.mp4"):
-        run_plots.animation(record(), tmp_path / "film.avi")
-    monkeypatch.setattr(run_plots.FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+    with pytest.raises(ValueError, match=r"\.gif, \.html or \.mp4"):
+        films.animation(record(), tmp_path / "film.avi")
+    monkeypatch.setattr(films.FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
     with pytest.raises(RuntimeError, match="ffmpeg"):
-        run_plots.animation(record(), tmp_path / "film.mp4")
+        films.animation(record(), tmp_path / "film.mp4")
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""The commands: run, sweep, show, plot, check-grad, scenes, init, units. `console` has the exit statuses.
+"""The commands: run, sweep, show, plot, export, check-grad, scenes, init, units. `console` has the exit statuses.
 
 Modules that import JAX are imported inside the functions that need them, after the input has been checked.
 """
@@ -183,6 +183,22 @@ def plot(
         pictures.of_sweep(record, file, what, quantity, stem, force)
     else:
         pictures.of_run(record, file, what, at, stem, force)
+
+
+@app.command()
+def export(file: options.ResultFile, out: options.ExportOut, force: options.Force = False) -> None:
+    """Write a result for other programs: a table in CSV, or shapes for ParaView."""
+    record = _loaded(file)
+    if out.suffix not in (".csv", ".pvd"):
+        raise console.refused(f"--out = {out}, expected a name that ends in .csv or .pvd.")
+    if out.suffix == ".pvd" and isinstance(record, SweepRecord):
+        raise console.refused(f"--out = {out}, expected a name that ends in .csv: {file} is the file of a sweep.")
+    console.refuse_existing([out], force)
+    try:
+        record.to_csv(out) if out.suffix == ".csv" else record.to_vtk(out)
+    except (ImportError, StoreError) as error:
+        raise console.refused(error) from None
+    console.out.print(f"wrote {out}", markup=False)
 
 
 @app.command("check-grad")

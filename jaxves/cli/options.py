@@ -90,3 +90,9 @@ ShearRate = Annotated[float, typer.Option("--shear-rate", help="Shear rate, in 1
 ReducedArea = Annotated[
     float, typer.Option("--reduced-area", help="4π area / perimeter², used for the estimates of the regime.")
 ]
+
+# export
+ExportOut = Annotated[
+    Path,
+    typer.Option("--out", "-o", help="FILE.csv: a table of diagnostics, or of cases. FILE.pvd: shapes for ParaView."),
+]

@@ -78,7 +78,7 @@ def of_run(record: Record, file: Path, what: list[Picture] | None, at: float | N
 
 
 def _draw(record: Record, picture: Picture, at: float, target: Path) -> None:
-    from ..plots import run_plots as plotting
+    from .. import plots as plotting
 
     match picture:
         case Picture.animation:

@@ -1,12 +1,20 @@
-"""Figures of runs and sweeps. The functions take what `simulate`, `read_result` or `read_sweep` return.
+"""Figures of runs and sweeps. The functions take what `simulate`, `load` and `sweep` return.
 
 style           sizes, colours, labels
 moments         choice of the instants that show how a shape changes
-run_plots       snapshots, time series, streamlines, field lines, animations
+windows         the part of the plane that is shown, colours of membranes, axes of the caller
+forcing         the imposed field and flow as a sketch
+run_plots       shapes and time series
+lines           streamlines and field lines
+films           animations
 sweep_plots     phase diagrams, maps, curves
+drawing         figures by name, for the methods of results
 """
 
-from .run_plots import animation, field_lines, history, membranes, snapshots, streamlines
+from .drawing import draw, draw_sweep, instant
+from .films import animation, film
+from .lines import field_lines, streamlines
+from .run_plots import history, membranes, snapshots
 from .style import COLUMN, INK, PAGE, STYLE
 from .sweep_plots import curves, phase_diagram, quantity_map
 
@@ -17,8 +25,12 @@ __all__ = [
     "STYLE",
     "animation",
     "curves",
+    "draw",
+    "draw_sweep",
     "field_lines",
+    "film",
     "history",
+    "instant",
     "membranes",
     "phase_diagram",
     "quantity_map",

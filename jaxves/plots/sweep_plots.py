@@ -1,8 +1,8 @@
 """Figures of sweeps: phase diagrams with class boundaries, maps and families of curves.
 
-Functions take a `SweepRecord` and return a matplotlib `Figure`. A grid with three axes becomes one panel for each value
-of the first axis. Failed cases are marked with a cross. Cases that were skipped by the refinement have the colour of
-the nearest computed case.
+Functions take a `SweepRecord` and return a matplotlib `Figure`. With `ax`, they draw into the axes of the caller.
+A grid with three axes becomes one panel for each value of the first axis. Failed cases are marked with a cross. Cases
+that were skipped by the refinement have the colour of the nearest computed case.
 """
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..base import status
 from ..base.physical_numbers import declared
 from ..results.sweep_store import DUE, SKIPPED, SweepRecord
 from .style import COLUMN, INK, PAGE, STYLE, quantity_label, scale
+from .windows import Into, figure_of, given_axes
 
 _COLORS = {"P": "#8fbfe0", "O": "#f0b27a", "POP": "#8ccfb5", "open": "0.85"}
 _MORE = ("#d9a5c7", "#e8d98a", "#b0b7e0", "#c9c9c9")
@@ -46,7 +47,7 @@ def default_quantity(record: SweepRecord) -> str:
 
 
 @rc_context(STYLE)
-def phase_diagram(record: SweepRecord) -> Figure:
+def phase_diagram(record: SweepRecord, *, ax: Into = None) -> Figure:
     """Draws the classes over the last two axes with the boundaries between them; samples are drawn as points.
 
     Raises:
@@ -73,14 +74,16 @@ def phase_diagram(record: SweepRecord) -> Figure:
         for code, word in enumerate(words):
             _write(ax, word, *_points(x, y, codes == code), filled == code)
 
-    figure, axes = _panels(record, codes, draw)
+    figure, axes = _panels(record, codes, draw, ax)
     handles = [axes[0].plot([], [], "s", color=color, label=word)[0] for word, color in zip(words, colors, strict=True)]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(words), handlelength=1)
     return figure
 
 
 @rc_context(STYLE)
-def quantity_map(record: SweepRecord, name: str | None = None, component: tuple[int, ...] | None = None) -> Figure:
+def quantity_map(
+    record: SweepRecord, name: str | None = None, component: tuple[int, ...] | None = None, *, ax: Into = None
+) -> Figure:
     """Draws one quantity over the last two axes. `component` chooses a vesicle or an entry if a case has several.
 
     Raises:
@@ -95,13 +98,15 @@ def quantity_map(record: SweepRecord, name: str | None = None, component: tuple[
         else:
             ax.pcolormesh(x, y, _filled(values).T, norm=colors.norm, cmap=colors.cmap, shading="nearest")
 
-    figure, axes = _panels(record, values, draw)
+    figure, axes = _panels(record, values, draw, ax)
     figure.colorbar(ScalarMappable(colors.norm, colors.cmap), ax=axes, label=value_label(record, name))
     return figure
 
 
 @rc_context(STYLE)
-def curves(record: SweepRecord, name: str | None = None, component: tuple[int, ...] | None = None) -> Figure:
+def curves(
+    record: SweepRecord, name: str | None = None, component: tuple[int, ...] | None = None, *, ax: Into = None
+) -> Figure:
     """Draws one quantity against the axis with the most values, with one curve for each value of the other axis.
 
     Raises:
@@ -112,8 +117,8 @@ def curves(record: SweepRecord, name: str | None = None, component: tuple[int, .
     name, values = _values(record, name, component)
     along = int(np.argmax(values.shape))
     x = record.coordinates[record.dims[along]][1]
-    figure = Figure(figsize=(COLUMN, 2.6))
-    ax = figure.add_subplot()
+    given = given_axes(ax, 1)
+    ax = Figure(figsize=(COLUMN, 2.6)).add_subplot() if given is None else given[0]
     values = np.moveaxis(values, along, 0).reshape(len(x), -1)
     others = [dim for i, dim in enumerate(record.dims) if i != along]
     families = record.coordinates[others[0]][1] if others else [None]
@@ -124,13 +129,13 @@ def curves(record: SweepRecord, name: str | None = None, component: tuple[int, .
         label = f"{axis_label(others[0])} = {family:.4g}" if others else None
         ax.plot(x[there], column[there], ".-", markersize=3, color=color, label=label)
     if others and len(families) > 6:
-        figure.colorbar(shades, ax=ax, label=axis_label(others[0]))
+        figure_of(ax).colorbar(shades, ax=ax, label=axis_label(others[0]))
     elif others:
         ax.legend()
     ax.set(xlabel=axis_label(record.dims[along]), ylabel=value_label(record, name))
     _scale_axis(ax.set_xscale, x)
     ax.spines[["top", "right"]].set_visible(False)
-    return figure
+    return figure_of(ax)
 
 
 def _values(record: SweepRecord, name: str | None, component) -> tuple[str, np.ndarray]:
@@ -150,7 +155,7 @@ def _good(record: SweepRecord) -> np.ndarray:
     return np.isin(record.status, list(status.SUCCESS))
 
 
-def _panels(record: SweepRecord, values: np.ndarray, draw) -> tuple[Figure, list[Axes]]:
+def _panels(record: SweepRecord, values: np.ndarray, draw, ax: Into) -> tuple[Figure, list[Axes]]:
     """Makes a panel, or one for each value of the first of three axes.
 
     `draw(ax, x, y, values, good, computed)` draws into a panel.
@@ -171,8 +176,10 @@ def _panels(record: SweepRecord, values: np.ndarray, draw) -> tuple[Figure, list
         else:
             parts = list(zip(record.coordinates[names[0]][1], values, good, computed, strict=True))
     shown = names[:2] if record.dims == ("case",) else names[-2:]
-    figure = Figure(figsize=(COLUMN, 2.9) if len(parts) == 1 else (PAGE, 2.6))
-    axes = list(figure.subplots(1, len(parts), squeeze=False, sharey=True)[0])
+    axes = given_axes(ax, len(parts))
+    if axes is None:
+        figure = Figure(figsize=(COLUMN, 2.9) if len(parts) == 1 else (PAGE, 2.6))
+        axes = list(figure.subplots(1, len(parts), squeeze=False, sharey=True)[0])
     for ax, (value, inside, fine, there) in zip(axes, parts, strict=True):
         draw(ax, x, y, inside, fine, there)
         failed = there & ~fine
@@ -186,7 +193,7 @@ def _panels(record: SweepRecord, values: np.ndarray, draw) -> tuple[Figure, list
         if value is not None:
             ax.set_title(f"{axis_label(names[0])} = {value:.4g}")
     axes[0].set_ylabel(axis_label(shown[1]))
-    return figure, axes
+    return figure_of(axes[0]), axes
 
 
 def _points(x: np.ndarray, y: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

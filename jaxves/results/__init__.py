@@ -7,4 +7,8 @@ run_writer      writes the file of a run
 restart         the restart state of a run
 sweep_store     reads the file of a sweep
 sweep_writer    writes the file of a sweep
+loading         reads a result file of either kind
+views           what results of runs have in common: a card, figures, tables
+labelled        results as datasets of xarray
+exports         tables in CSV, and files for ParaView
 """

@@ -16,6 +16,7 @@ from ..observables import quantities
 from ..observables.rows import Row
 from . import restart
 from .hdf5 import Description, StoreError, datasets_below, histories, named_errors, opened, refuse_special
+from .views import Viewed
 
 SCHEMA_VERSION = 2
 
@@ -51,9 +52,9 @@ def description(path: str) -> Description:
     return Description(*quantities.QUANTITIES[path.removeprefix(_DIAGNOSTICS)])
 
 
-@dataclass(frozen=True)
-class Record:
-    """The contents of a result file. The first axis of arrays is the saved times, except in `averages`.
+@dataclass(frozen=True, repr=False)
+class Record(Viewed):
+    """The contents of the result file of a run. The first axis of arrays is the saved times, except in `averages`.
 
     `t` (T,), `x` (T, M, N, 2), `V_m` (T, M, N) or None without a field, `tension` (T, M, N), `nodes` (T, M),
     `steps` (T,). `scene` is the scene as TOML.
@@ -70,6 +71,11 @@ class Record:
     attributes: dict
     status: str
     scene: str
+
+    @property
+    def word(self) -> str:
+        """The status word, as `status`."""
+        return self.status
 
 
 def read_result(path: str | os.PathLike) -> Record:

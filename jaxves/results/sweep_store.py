@@ -9,14 +9,18 @@ import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
+import jaxves
+
 from ..base import status
 from ..observables import classes
+from . import exports, labelled
 from .hdf5 import StoreError, datasets_below, named_errors, opened, refuse_special
+from .views import card
 
 SCHEMA_VERSION = 1
 PENDING, AGAIN, REFUSED, SKIPPED = "pending", "again", "refused", "skipped"
@@ -38,7 +42,7 @@ class Variable:
     dtype: str = "f8"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SweepRecord:
     """The contents of the file of a sweep. Arrays have the shape of the grid, followed by that of one case.
 
@@ -61,6 +65,36 @@ class SweepRecord:
         """Returns the number of cases by status, the most frequent first."""
         words, counts = np.unique(self.status, return_counts=True)
         return {str(words[i]): int(counts[i]) for i in np.argsort(-counts)}
+
+    def summary(self) -> str:
+        """Returns one line: the numbers that vary, and how many cases have which status."""
+        size = " × ".join(map(str, self.status.shape))
+        words = ", ".join(f"{count} {word}" for word, count in self.counts().items())
+        return f"{size} cases of {', '.join(self.coordinates)}: {words}"
+
+    def __repr__(self) -> str:
+        return f"<SweepRecord: {self.summary()}>"
+
+    def _repr_html_(self) -> str:
+        """Returns the card that a notebook shows."""
+        return card("SweepRecord", self.summary(), "", self.plot())
+
+    def plot(self, what: str | None = None, **how: Any) -> Any:
+        """Draws a figure and returns it.
+
+        Args:
+            what: "phases", "map" or "curves"; by default what suits the sweep.
+            how: the options of `phase_diagram`, `quantity_map` or `curves` in `jaxves.plots`.
+        """
+        return jaxves.plots.draw_sweep(self, what, **how)
+
+    def to_xarray(self) -> Any:
+        """Returns an `xarray.Dataset` of all quantities, with the numbers that vary as coordinates."""
+        return labelled.dataset_of_sweep(self)
+
+    def to_csv(self, path: str | os.PathLike) -> None:
+        """Writes a table with one row for each case."""
+        exports.sweep_to_csv(self, Path(path))
 
     def at(self, index: tuple[int, ...]) -> dict[str, float]:
         """Returns the numbers of one case, by name."""

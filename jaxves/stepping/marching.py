@@ -4,6 +4,8 @@ r"""`simulate`: runs a scene and returns a result with a status.
 with the state between the calls in a `State`.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -18,12 +20,12 @@ from ..equation.projection import Filter
 from ..numerics.arrays import Status, as_float
 from ..numerics.linear import AbstractSolver
 from ..observables import certificate, diagnostics
-from ..observables.certificate import Link
 from ..observables.checks import Checks
 from ..observables.observing import observe
 from ..operators.interactions import AbstractCoupling
 from ..physics.scene import Scene
 from ..potentials.self_refined import Refinement
+from ..results.views import Viewed
 from .adaptive import Adaptive
 from .loop import initial_state, stops_of
 from .march import AbstractMarch
@@ -31,8 +33,11 @@ from .record import advance
 from .state import State
 
 
-class Result(eqx.Module):
-    """The result of a run. The first axis of arrays is the saved times (T,); rows after an early end are NaN."""
+class Result(Viewed, eqx.Module):
+    """The result of a run. The first axis of arrays is the saved times (T,); rows after an early end are NaN.
+
+    `scene` is the scene of the run. A notebook shows a card with a picture.
+    """
 
     t: Float[Array, "T"]
     x: Float[Array, "T M N 2"]
@@ -42,26 +47,16 @@ class Result(eqx.Module):
     averages: dict[str, Array] | None
     status: Int[Array, ""]
     state: State
+    scene: Scene | None = None
 
     @property
     def word(self) -> str:
         """The status word (outside compiled code)."""
         return status.WORDS[int(self.status)]
 
-    @property
-    def certificate(self) -> dict[str, Link]:
-        """The error estimates by name, each the largest over the saved rows (outside compiled code).
-
-        The error of the whole run is not among them. It needs a second run, which `jaxves.run` makes.
-        """
-        there = ~np.isnan(np.asarray(self.t))
-        return certificate.certificate({name: np.asarray(value)[there] for name, value in self.diagnostics.items()})
-
-    @property
-    def digits(self) -> float:
-        """The number of correct digits by the weakest link of the certificate (outside compiled code)."""
-        links = self.certificate
-        return links[certificate.weakest(links)].digits
+    def __repr__(self) -> str:
+        single = is_known(self) and np.ndim(self.t) == 1
+        return Viewed.__repr__(self) if single else eqx.Module.__repr__(self)
 
 
 def simulate(
@@ -114,7 +109,7 @@ def simulate(
     average = None if average is None else as_float(average)
     saved = (as_float(t_end), 50 if saves is None else saves) if times is None else as_float(times)
     options = dict(filter=filter, solver=solver, coupling=coupling, refinement=refinement, keep_symmetry=keep_symmetry)
-    return _simulated(scene, saved, march, average, checks, options)
+    return dataclasses.replace(_simulated(scene, saved, march, average, checks, options), scene=scene)
 
 
 def _check_kinds(scene, march, checks) -> None:

@@ -1,0 +1,82 @@
+"""The imposed field and flow as a small sketch beside the shapes."""
+
+import tomllib
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+
+from ..physics.scene import Scene
+from .style import INK
+
+_GRADIENTS = {"shear": ((0, 1), (0, 0)), "extension": ((1, 0), (0, -1))}
+PLACES = 0.6 * np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
+
+
+class Forcing(NamedTuple):
+    """The direction of the field, and the velocity of the flow at `PLACES` up to a factor; None if absent."""
+
+    direction: Float[np.ndarray, "2"] | None
+    velocity: Float[np.ndarray, "9 2"] | None
+
+    def is_absent(self) -> bool:
+        """Returns whether there is neither a field nor a flow."""
+        return self.direction is None and self.velocity is None
+
+
+def forcing_of(record: Any) -> Forcing:
+    """Returns the field and the flow of a result, from its scene or from the text of its scene file."""
+    scene = getattr(record, "scene", None)
+    return (
+        _of_scene(scene, np.asarray(record.t)) if isinstance(scene, Scene) else _of_tables(tomllib.loads(scene or ""))
+    )
+
+
+def _of_scene(scene: Scene, t: np.ndarray) -> Forcing:
+    direction = None if scene.field is None else np.asarray(scene.field.unit_direction())
+    if scene.flow is None:
+        return Forcing(direction, None)
+    # A flow that starts from rest or alternates is drawn when it is strongest.
+    times = np.linspace(0.0, np.nanmax(t), 9)
+    places = jnp.asarray(PLACES)[None]
+    velocities = np.stack([np.asarray(scene.flow.velocity(places, jnp.asarray(at))[0]) for at in times])
+    return Forcing(direction, velocities[np.argmax(np.abs(velocities).max(axis=(1, 2)))])
+
+
+def _of_tables(tables: dict) -> Forcing:
+    direction, velocity = None, None
+    if "field" in tables:
+        direction = np.array(tables["field"].get("direction", (0.0, 1.0)), dtype=float)
+    if "flow" in tables:
+        flow = tables["flow"]
+        sign = np.sign(flow.get("capillary_number", 1.0))
+        if flow["kind"] == "poiseuille":
+            velocity = sign * np.stack([1 - PLACES[:, 1] ** 2, np.zeros(len(PLACES))], axis=-1)
+        else:
+            gradient = np.array(flow["gradient"] if flow["kind"] == "linear" else _GRADIENTS[flow["kind"]], dtype=float)
+            velocity = sign * PLACES @ gradient.T
+    return Forcing(direction, velocity)
+
+
+def draw_forcing(ax: Axes, forcing: Forcing) -> None:
+    """Draws the field as one arrow and, below it, the flow as several."""
+    both = forcing.direction is not None and forcing.velocity is not None
+    ax.set(xlim=(-1, 1), ylim=(-2, 2) if both else (-1, 1), aspect="equal")
+    ax.set_axis_off()
+    text = dict(textcoords="offset points", ha="center", va="center")
+    if forcing.direction is not None:
+        half = 0.6 * forcing.direction / np.linalg.norm(forcing.direction)
+        center = np.array([0.0, 1.0 if both else 0.0])
+        arrow = dict(arrowstyle="-|>", color=INK, linewidth=1.0, shrinkA=0, shrinkB=0)
+        ax.annotate("", center + half, center - half, arrowprops=arrow)
+        ax.annotate(r"$\mathbf{E}_\infty$", center, 18 * np.array([half[1], -half[0]]), **text)
+    if forcing.velocity is not None:
+        arrows = 0.6 * forcing.velocity / (np.abs(forcing.velocity).max() or 1.0)
+        center = -1.0 if both else 0.0
+        ax.quiver(
+            *PLACES.T + np.array([[0.0], [center]]), *arrows.T, color=INK, angles="xy", scale_units="xy",
+            scale=1.2, pivot="mid", units="xy", width=0.08,
+        )  # fmt: skip
+        ax.annotate(r"$\mathbf{v}_\infty$", (0.0, center - 0.75), (0, -5), **text)
