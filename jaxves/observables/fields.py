@@ -71,8 +71,11 @@ def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surro
     q = None if motion.electric is None else motion.electric.charge
     ratio, curves, u = scene.viscosity_ratio, motion.surfaces.curves, None
     if ratio is not None:
-        turning = jax.vmap(RigidMotion.nearest)(curves, motion.velocity)
-        u = (1 - ratio)[:, None, None] * (motion.velocity - jax.vmap(RigidMotion.at)(turning, curves.x))
+        # Not the filtered velocity of the nodes, whose error would be multiplied by 1/ν inside and by ν outside.
+        imposed = None if scene.flow is None else scene.flow.velocity(y.x, t)
+        moving = equation.mobility.at(motion.surfaces).velocity(motion.f_hd, imposed)
+        turning = jax.vmap(RigidMotion.nearest)(curves, moving)
+        u = (1 - ratio)[:, None, None] * (moving - jax.vmap(RigidMotion.at)(turning, curves.x))
     membranes = _Membrane(curves, motion.f_hd, q, y.V_m, u)
 
     M, P = y.x.shape[0], points.shape[0]

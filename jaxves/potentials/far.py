@@ -102,17 +102,17 @@ def stokes_slp_pressure(curves: Curve, f: VesiclePoints, targets: Points) -> Flo
 
 def stokes_dlp(curves: Curve, u: VesiclePoints, targets: Points) -> Points:
     """Returns the velocity D[u] at the targets."""
-    rx, ry, inverse_r2 = _to_sum(curves, targets)
+    rx, ry, r2 = _to_sum(curves, targets)
     ux, uy = (u * _weights(curves)[..., None]).reshape(-1, 2).T
     nx, ny = curves.normal.reshape(-1, 2).T
-    along = (rx * ux + ry * uy) * (rx * nx + ry * ny) * inverse_r2**2
+    along = (rx * ux + ry * uy) * (rx * nx + ry * ny) / r2**2
     return jnp.stack([jnp.sum(rx * along, axis=1), jnp.sum(ry * along, axis=1)], axis=-1) / np.pi
 
 
 def stokes_dlp_pressure(curves: Curve, u: VesiclePoints, targets: Points) -> Float[Array, "P"]:
     """Returns the pressure of D[u] at the targets."""
-    rx, ry, inverse_r2 = _to_sum(curves, targets)
+    rx, ry, r2 = _to_sum(curves, targets)
     ux, uy = (u * _weights(curves)[..., None]).reshape(-1, 2).T
     nx, ny = curves.normal.reshape(-1, 2).T
-    kernel = 2 * (rx * ux + ry * uy) * (rx * nx + ry * ny) * inverse_r2 - (nx * ux + ny * uy)
-    return jnp.sum(kernel * inverse_r2, axis=1) / np.pi
+    kernel = 2 * (rx * ux + ry * uy) * (rx * nx + ry * ny) / r2 - (nx * ux + ny * uy)
+    return jnp.sum(kernel / r2, axis=1) / np.pi
