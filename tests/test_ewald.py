@@ -77,6 +77,20 @@ def test_local_and_smooth_part_are_the_kernel(tolerance):
     np.testing.assert_allclose(-2 * B[:, None] * r, kernels.laplace_gradient(r), atol=0.2 * tolerance)
 
 
+def test_the_transform_of_the_blob_is_smooth_up_to_its_end():
+    """At κ = c it is c/sinh c, and Stokes (1 + c²/6) c/sinh c. From there on it is zero."""
+    accuracy = accuracy_for(1e-12)
+    c = accuracy.shape
+    kappa2 = jnp.asarray(c**2 - np.array([1e-13, 1e-9, 1e-3, 0.999999, 1.000001, 0.0]))
+    gamma, stokes = splitting.blob_transforms(kappa2, accuracy)
+    end = c / np.sinh(c)
+    np.testing.assert_allclose(gamma[:2], end, rtol=1e-9)
+    np.testing.assert_allclose(stokes[:2], end * (1 + c**2 / 6), rtol=1e-9)
+    np.testing.assert_allclose(gamma[2], end * (1 + 1e-3 / 6), rtol=1e-7)
+    np.testing.assert_allclose([gamma[3], stokes[3]], [gamma[4], stokes[4]], rtol=1e-5)
+    assert gamma[5] == stokes[5] == 0
+
+
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
 def test_fast_sums_are_the_direct_sums_to_the_tolerance(tolerance):
     plan = plan_for(M, N, tolerance)

@@ -10,6 +10,10 @@ from jaxves.ewald.plans import plan_for
 from jaxves.geometry import shapes
 from jaxves.geometry.curve import Curve
 from jaxves.geometry.domain import Free
+from jaxves.operators.direct_sums import Summation
+from jaxves.operators.fast_sums import FastSummation
+from jaxves.operators.interactions import NEAR
+from jaxves.operators.near_pairs import NearPairs
 from jaxves.operators.sums import MatrixFree, coupling_for
 
 M, N = 16, 32
@@ -30,15 +34,21 @@ PLAN = plan_for(M, N, 1e-12)
 
 
 @eqx.filter_jit
-def found(x, coupling):
-    across = coupling.between(jax.vmap(Curve.from_nodes)(x), Free(), electric=True)
+def found(x, plan):
+    """Velocities, gradients, near pairs and `crowded`: directly without a plan."""
+    curves = jax.vmap(Curve.from_nodes)(x)
+    near = NearPairs.of(curves, 8, NEAR, Free())
+    if plan is None:
+        across = Summation.of(curves, near, None, electric=True)
+    else:
+        across = FastSummation.of(curves, near, plan, Free(), electric=True)
     return across.stokes(F), across.slp_gradient(Q), jnp.sum(across.near.valid), across.crowded
 
 
 @pytest.mark.parametrize("plan", [PLAN, PLAN._replace(room=4)], ids=["fast", "lists too short"])
 def test_fast_interactions_are_the_direct_ones(plan):
-    *wanted, near, _ = found(X, MatrixFree())
-    *values, also, crowded = found(X, MatrixFree(plan=plan))
+    *wanted, near, _ = found(X, None)
+    *values, also, crowded = found(X, plan)
     assert near == also > 20
     assert not crowded
     for value, exact in zip(values, wanted, strict=True):
@@ -49,24 +59,24 @@ def test_the_derivative_of_fast_interactions_is_that_of_direct_ones():
     push = jnp.asarray(RNG.normal(size=X.shape))
 
     @eqx.filter_jit
-    def slopes(coupling):
+    def slopes(plan):
         def work(x):
-            velocity, gradient, *_ = found(x, coupling)
+            velocity, gradient, *_ = found(x, plan)
             return jnp.sum(F * velocity) + jnp.sum(jnp.sin(gradient))
 
         return jax.jvp(work, (X,), (push,))[1], jnp.sum(jax.grad(work)(X) * push)
 
-    forward, reverse = slopes(MatrixFree(plan=PLAN))
+    forward, reverse = slopes(PLAN)
     np.testing.assert_allclose(forward, reverse, rtol=1e-11)
-    np.testing.assert_allclose(forward, slopes(MatrixFree())[0], rtol=1e-9)
+    np.testing.assert_allclose(forward, slopes(None)[0], rtol=1e-9)
 
 
 def test_many_nodes_are_summed_fast():
-    assert coupling_for(32, 64).plan is None
-    assert coupling_for(64, 64).plan is not None
+    assert coupling_for(32, 64).accuracy is None
+    assert coupling_for(64, 64).accuracy == 1e-10
 
 
 def test_fast_sums_refuse_several_devices():
     mesh = jax.make_mesh((1,), ("targets",))
-    with pytest.raises(ValueError, match="no mesh together with a plan"):
-        MatrixFree(mesh=mesh, plan=PLAN)
+    with pytest.raises(ValueError, match="no mesh together with an accuracy"):
+        MatrixFree(mesh=mesh, accuracy=1e-6)

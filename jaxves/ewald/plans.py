@@ -28,6 +28,7 @@ ACCURACIES = {
     1e-12: Accuracy(31.0, 14, 22),
 }
 _REACH = 0.7  # r_c over the mean distance of neighbours, at which lists and transforms take about equally long
+_REACH_IN_CELL = 0.5  # the same in a cell, where nothing around it has to be transformed
 _CLUSTER = 8  # consecutive nodes
 
 
@@ -64,6 +65,24 @@ def plan_for(M: int, N: int, tolerance: float) -> Plan:
     n = fast_size(math.ceil(cells) + accuracy.width + 3)
     cluster = math.gcd(N, _CLUSTER)
     return Plan(accuracy, (n, n), patch_for(n / side, N, cluster, accuracy), cluster, *_capacities(M, N, cluster))
+
+
+def plan_in_cell(M: int, N: int, tolerance: float, aspect: float) -> Plan:
+    """Returns the plan for M vesicles of N nodes that fill a periodic cell about evenly.
+
+    `aspect` is the length of its first vector over that of the second. The cell may be sheared by up to a half.
+    """
+    accuracy = accuracy_for(tolerance)
+    side = math.sqrt(M)
+    cells = 2 * accuracy.shape / math.pi * side / _REACH_IN_CELL
+    grid = tuple(
+        fast_size(math.ceil(max(cells * stretch, 2 * accuracy.width))) for stretch in (aspect**0.5, aspect**-0.5)
+    )
+    cluster = math.gcd(N, _CLUSTER)
+    patch = patch_for(1.2 * max(grid) / side, N, cluster, accuracy)
+    vesicles = min(9 * M - 1, 24)
+    room = min(vesicles * N // cluster, 5 * N // cluster + 8)
+    return Plan(accuracy, grid, patch, cluster, vesicles, room, 1)
 
 
 def patch_for(cells: float, N: int, cluster: int, accuracy: Accuracy) -> int:

@@ -20,6 +20,7 @@ polynomial misses it only by the tolerance.
 """
 
 import functools
+import math
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,7 +33,8 @@ from .plans import Accuracy
 
 Kernel = tuple[Float[Array, "*pairs"], Float[Array, "*pairs"]]  # A and B
 _SAMPLES = 100  # Chebyshev points at which E is sampled
-_SMALL = 1e-30  # in place of t = 0
+_SINE = [1 / math.factorial(2 * k + 1) for k in range(8, -1, -1)]
+_CHANGE = [2 * k / math.factorial(2 * k + 1) for k in range(9, 0, -1)]
 
 
 @functools.cache
@@ -98,15 +100,19 @@ def smooth_on_host(r2: np.ndarray, r_c: float, accuracy: Accuracy) -> tuple[np.n
 def blob_transforms(kappa2: Float[Array, "*modes"], accuracy: Accuracy) -> tuple[Array, Array]:
     """Returns γ and γ - ½ κ γ' for κ², both zero for κ ≥ c."""
     c = accuracy.shape
-    inside = kappa2 < c**2
-    w2 = jnp.where(inside, c**2 - kappa2, 1.0)
-    w = jnp.sqrt(w2)
+    w2 = c**2 - kappa2
+    inside, small = w2 > 0, w2 < 1
+    w2 = jnp.where(inside, w2, 0.0)
+    w = jnp.sqrt(jnp.where(small, 1.0, w2))
     # c/sinh c times sinh w and cosh w, without overflow
-    scale = 2 * c / (1 - np.exp(-2 * c))
-    sinh = scale * 0.5 * (jnp.exp(w - c) - jnp.exp(-w - c))
-    cosh = scale * 0.5 * (jnp.exp(w - c) + jnp.exp(-w - c))
-    gamma = sinh / w
-    stokes = gamma + 0.5 * kappa2 * (cosh - gamma) / w2
+    scale = c / (1 - np.exp(-2 * c))
+    sinh = scale * (jnp.exp(w - c) - jnp.exp(-w - c))
+    cosh = scale * (jnp.exp(w - c) + jnp.exp(-w - c))
+    least = 2 * scale * np.exp(-c)
+    # for small w, series of sinh(w)/w and (cosh(w) - sinh(w)/w)/w², where the difference has no digits
+    gamma = jnp.where(small, least * jnp.polyval(np.array(_SINE), w2), sinh / w)
+    change = jnp.where(small, least * jnp.polyval(np.array(_CHANGE), w2), (cosh - sinh / w) / w**2)
+    stokes = gamma + 0.5 * kappa2 * change
     return jnp.where(inside, gamma, 0.0), jnp.where(inside, stokes, 0.0)
 
 

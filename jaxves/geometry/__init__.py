@@ -3,7 +3,7 @@
 outline_files, outline_fit, outlines    from the points of a file to a smooth closed curve; no JAX
 shapes      circles, ellipses, curves through points
 curve       `Curve`: nodes with tangent, normal, curvature; area, length, inclination angle
-domain                                  the space that vesicles are in: the plane
+domain                                  the space that vesicles are in: the plane, or a periodic cell
 starts      checks of starting curves
 extremes    maxima and minima on a curve, also between its nodes; least distances
 """

@@ -8,9 +8,11 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..numerics.arrays import as_float
+from ..base.arguments import is_known, refusal
+from ..numerics.arrays import Scalar, ScalarLike, as_float
 
 
 class AbstractDomain(eqx.Module):
@@ -19,6 +21,10 @@ class AbstractDomain(eqx.Module):
     @abc.abstractmethod
     def displacement(self, to: Float[Array, "*a 2"], start: Float[Array, "*b 2"]) -> Float[Array, "*c 2"]:
         """The shortest vector from `start` to `to`, for points or arrays of points that broadcast."""
+
+    def at(self, t: Scalar) -> "AbstractDomain":
+        """Returns the space at time t."""
+        return self
 
 
 class Free(AbstractDomain):
@@ -31,11 +37,47 @@ class Free(AbstractDomain):
 class Cell(AbstractDomain):
     """The plane with everything repeated by two vectors, the rows of `lattice`.
 
+    With a shear `rate` γ̇, the flow (γ̇ y, 0) carries the lattice along: a₂ becomes a₂ + γ̇ t (y₂, 0), less a whole
+    multiple of a₁, which must lie along x. This is the same lattice with the shortest a₂ (Lees and Edwards [L]).
+
     Vectors between points are the shortest ones if the lattice is reduced, that is if neither vector can be shortened
-    by adding or subtracting the other.
+    by adding or subtracting the other. `aspect` is a power of two near |a₁|/|a₂|, which shapes the grids of sums.
+
+    Raises:
+        ValueError: a known lattice is not two vectors of finite numbers with a positive area, counter-clockwise; or a₁
+            does not lie along x in a shear flow.
+
+    [L] A. W. Lees, S. F. Edwards, The computer study of transport processes under extreme conditions, J. Phys. C 5
+        (1972) 1921-1928.
     """
 
     lattice: Float[Array, "2 2"] = eqx.field(converter=as_float)
+    rate: Scalar | None = None
+    aspect: float = eqx.field(static=True, default=1.0)
+
+    @classmethod
+    def of(cls, lattice, rate: ScalarLike | None = None) -> "Cell":
+        """Builds the cell of two vectors, the rows of `lattice`; a known lattice is checked."""
+        if not is_known(lattice):
+            return cls(lattice, None if rate is None else as_float(rate))
+        try:
+            known = np.asarray(lattice, dtype=float)
+        except (TypeError, ValueError):
+            known = np.empty(0)
+        if known.shape != (2, 2) or not np.all(np.isfinite(known)) or np.linalg.det(known) <= 0:
+            raise refusal("lattice", lattice, "two vectors [[x, y], [x, y]], the second to the left of the first")
+        if rate is not None and known[0, 1] != 0:
+            raise refusal("lattice", lattice, "a first vector along x, [L, 0], in a shear flow")
+        long, high = np.linalg.norm(known, axis=1)
+        return cls(lattice, None if rate is None else as_float(rate), 2.0 ** round(np.log2(long / high)))
+
+    def at(self, t: Scalar) -> "Cell":
+        if self.rate is None:
+            return self
+        first, second = self.lattice
+        second = second.at[0].add(self.rate * t * second[1])
+        second = second - jnp.round(second[0] / first[0]) * first
+        return Cell(jnp.stack([first, second]), None, self.aspect)
 
     def displacement(self, to: Float[Array, "*a 2"], start: Float[Array, "*b 2"]) -> Float[Array, "*c 2"]:
         apart = to - start

@@ -68,6 +68,12 @@ class FastSummation(AbstractInteractions):
     def crowded(self) -> Bool[Array, ""]:
         return self.near.overflow if self.cell is None else self.near.overflow | self.sums.overflow
 
+    def mean_dipole(self, V_m: VesicleNodes) -> Float[Array, "2"] | None:
+        if self.cell is None:
+            return None
+        weights = (self.curves.weights * V_m)[..., None]
+        return jnp.sum(weights * self.curves.normal, axis=(0, 1)) / self.cell.area()
+
     def any_near(self) -> Bool[Array, ""]:
         return jnp.any(self.near.valid)
 

@@ -48,6 +48,13 @@ class AbstractInteractions(eqx.Module):
     def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
         """Returns ∇S[q] of the other membranes at the nodes of each membrane."""
 
+    def mean_dipole(self, V_m: VesicleNodes) -> Float[Array, "2"] | None:
+        """Returns Σ ∮ V_m n ds over the area of a periodic cell, or None in the plane.
+
+        ∇D[V] in a cell is the rotated ∇S[∂_s V] less this vector, because the kernels have zero mean over the cell.
+        """
+        return None
+
     @abc.abstractmethod
     def any_near(self) -> Bool[Array, ""]:
         """Returns whether any pair needs close evaluation."""

@@ -8,10 +8,11 @@ says that there were too few candidates or that the list was too short.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..geometry.curve import Curve
-from ..geometry.domain import AbstractDomain
+from ..geometry.domain import AbstractDomain, Cell, Free
 from .interactions import is_near_curve
 
 _CANDIDATES = 3  # candidates per stored pair; circles of slender vesicles overlap more often than the vesicles
@@ -35,7 +36,9 @@ class NearPairs(eqx.Module):
 
         There is room for `per_vesicle` sources per target on average.
         """
-        curves = jax.lax.stop_gradient(curves)
+        curves, domain = jax.lax.stop_gradient((curves, domain))
+        if isinstance(domain, Cell):
+            return _in_cell(curves, per_vesicle, near, domain)
         M = curves.x.shape[0]
         candidates = min(_CANDIDATES * per_vesicle, M - 1)
         center = jnp.mean(curves.x, axis=1)
@@ -66,3 +69,36 @@ class NearPairs(eqx.Module):
         if self.image is None:
             return curve
         return eqx.tree_at(lambda curve: curve.x, curve, curve.x + self.image[k] @ domain.lattice)
+
+
+def _in_cell(curves: Curve, per_vesicle: int, near: float, cell: Cell) -> NearPairs:
+    """Finds the near pairs in a periodic cell, images of a vesicle near itself included."""
+    M = curves.x.shape[0]
+    candidates = min(_CANDIDATES * per_vesicle, 9 * M - 1)
+    center = jnp.mean(curves.x, axis=1)
+    radius = jnp.sqrt(jnp.max(jnp.sum((curves.x - center[:, None]) ** 2, axis=-1), axis=1))
+    reach = radius + (near + 1) * jnp.max(curves.weights, axis=1)
+    steps = np.stack(np.divmod(np.arange(9), 3), axis=-1).astype(np.int32) - 1
+
+    def of_target(i):
+        image = cell.nearest_image(center[i], center)[:, None] + steps
+        apart = center[i] - center[:, None] - image @ cell.lattice
+        gap = jnp.sqrt(jnp.sum(apart**2, axis=-1)) - radius[i] - reach[:, None]
+        itself = (jnp.arange(M) == i)[:, None] & jnp.all(image == 0, axis=-1)
+        gap = jnp.where(itself, jnp.inf, gap).reshape(-1)
+        least, chosen = jax.lax.top_k(-gap, candidates)
+        source, image = chosen // 9, image.reshape(-1, 2)[chosen]
+
+        def is_close(source, image):
+            curve = jax.tree.map(lambda leaf: leaf[source], curves)
+            curve = eqx.tree_at(lambda curve: curve.x, curve, curve.x + image @ cell.lattice)
+            return is_near_curve(curve, curves.x[i], near, Free())
+
+        return source, image, (least > 0) & jax.vmap(is_close)(source, image), jnp.sum(gap < 0) > candidates
+
+    source, image, close, too_many = jax.lax.map(of_target, jnp.arange(M))
+    room = per_vesicle * M
+    target, place = jnp.nonzero(close, size=room, fill_value=0)
+    found = jnp.sum(close)
+    overflow = jnp.any(too_many) | (found > room)
+    return NearPairs(target, source[target, place], jnp.arange(room) < found, overflow, image[target, place])

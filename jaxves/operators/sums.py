@@ -4,9 +4,9 @@ import equinox as eqx
 from jax.sharding import Mesh
 
 from ..base.arguments import refusal
-from ..ewald.plans import Plan, plan_for
+from ..ewald.plans import accuracy_for, plan_for, plan_in_cell
 from ..geometry.curve import Curve
-from ..geometry.domain import AbstractDomain
+from ..geometry.domain import AbstractDomain, Cell
 from .direct_sums import Summation
 from .fast_sums import FastSummation
 from .interactions import NEAR, AbstractCoupling, AbstractInteractions
@@ -22,28 +22,39 @@ class MatrixFree(AbstractCoupling):
     """Computes sums instead of storing matrices. Coupled systems are solved by GMRES.
 
     `neighbours` is the room for near pairs, per vesicle on average. `mesh` has devices along one axis that share the
-    work of direct sums. `plan` has the sizes of fast sums (`jaxves.ewald.plans.plan_for`); without it sums are direct.
+    work of direct sums. `accuracy` is the error of fast sums, relative to their largest value. With None, sums are
+    direct.
 
     Raises:
-        ValueError: there are both a mesh and a plan; fast sums run on one device.
+        ValueError: there are both a mesh and an accuracy, as fast sums run on one device; or sums are direct and the
+            vesicles are in a periodic cell.
     """
 
     neighbours: int = eqx.field(static=True, default=8)
     mesh: Mesh | None = eqx.field(static=True, default=None)
     near: float = eqx.field(static=True, default=NEAR)
-    plan: Plan | None = eqx.field(static=True, default=None)
+    accuracy: float | None = eqx.field(static=True, default=None)
     direct = False
     together = False
 
     def __check_init__(self):
-        if self.mesh is not None and self.plan is not None:
-            raise refusal("MatrixFree.mesh", self.mesh, "no mesh together with a plan: fast sums run on one device")
+        if self.accuracy is None:
+            return
+        if self.mesh is not None:
+            wanted = "no mesh together with an accuracy: fast sums run on one device"
+            raise refusal("MatrixFree.mesh", self.mesh, wanted)
+        accuracy_for(self.accuracy)
 
     def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> AbstractInteractions:
         near = NearPairs.of(curves, self.neighbours, self.near, domain)
-        if self.plan is None:
+        if self.accuracy is None:
             return Summation.of(curves, near, self.mesh, electric=electric)
-        return FastSummation.of(curves, near, self.plan, domain, electric=electric)
+        M, N, _ = curves.x.shape
+        if isinstance(domain, Cell):
+            plan = plan_in_cell(M, N, self.accuracy, domain.aspect)
+        else:
+            plan = plan_for(M, N, self.accuracy)
+        return FastSummation.of(curves, near, plan, domain, electric=electric)
 
 
 def coupling_for(M: int, N: int, neighbours: int = 8) -> AbstractCoupling | None:
@@ -56,7 +67,12 @@ def coupling_for(M: int, N: int, neighbours: int = 8) -> AbstractCoupling | None
     if M == 1:
         return None
     if M * N >= _FAST:
-        return MatrixFree(neighbours, plan=plan_for(M, N, _ACCURACY))
+        return MatrixFree(neighbours, accuracy=_ACCURACY)
     if M * N > 1024:
         return MatrixFree(neighbours)
     return Pairwise(direct=M * N <= 192, together=M * N <= _TOGETHER)
+
+
+def coupling_in_cell(neighbours: int = 8) -> AbstractCoupling:
+    """Returns the method for membranes in a periodic cell; also for a single one, which has images."""
+    return MatrixFree(neighbours, accuracy=_ACCURACY)

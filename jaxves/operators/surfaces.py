@@ -64,12 +64,18 @@ class Surfaces(eqx.Module):
         return velocity if self.interactions is None else velocity + self.interactions.stokes(f)
 
     def dlp_dn(self, V_m: VesicleNodes) -> VesicleNodes:
-        """Returns D' V_m = ∂_s S ∂_s V_m. For the density ∂_s V_m the weight |x_α| cancels."""
+        """Returns D' V_m = ∂_s S ∂_s V_m. For the density ∂_s V_m the weight |x_α| cancels.
+
+        In a periodic cell, n·Σ ∮ V_m n ds over the area of the cell is subtracted.
+        """
         slope = fourier.derivative(V_m)
         value = self.d_ds(jnp.einsum("mij,mj->mi", self.laplace_slp, slope))
         if self.interactions is not None:
             across = self.interactions.slp_gradient(slope / self.curves.speed)
             value = value + jnp.sum(across * self.curves.tangent, axis=-1)
+            mean = self.interactions.mean_dipole(V_m)
+            if mean is not None:
+                value = value - self.curves.normal @ mean
         return value
 
     def potential_slope(self, q: VesicleNodes, V_m: VesicleNodes) -> VesicleNodes:
@@ -82,4 +88,7 @@ class Surfaces(eqx.Module):
             conjugate = self.interactions.slp_gradient(self.d_ds(V_m))
             rotated = jnp.stack([conjugate[..., 1], -conjugate[..., 0]], axis=-1)
             slope = slope + jnp.sum((self.interactions.slp_gradient(q) - rotated) * self.curves.tangent, axis=-1)
+            mean = self.interactions.mean_dipole(V_m)
+            if mean is not None:
+                slope = slope + self.curves.tangent @ mean
         return slope
