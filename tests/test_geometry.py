@@ -11,7 +11,7 @@ from jaxves.geometry.curve import Curve
 from jaxves.numerics import fourier
 
 
-@pytest.mark.parametrize("N", [64, 256])  # below and above the size at which matrices give way to transforms
+@pytest.mark.parametrize("N", [64, 256])
 def test_derivative_is_exact_for_resolved_modes(N):
     alpha = fourier.grid(N)
     f = jnp.stack([jnp.sin(3 * alpha), jnp.cos((N // 2 - 1) * alpha)])
@@ -19,6 +19,20 @@ def test_derivative_is_exact_for_resolved_modes(N):
     np.testing.assert_allclose(fourier.derivative(f), exact, atol=1e-13 * N**2)
     np.testing.assert_allclose(fourier.derivative(f.T, axis=0), exact.T, atol=1e-13 * N**2)
     np.testing.assert_allclose(f @ fourier.derivative_matrix(N).T, exact, atol=1e-13 * N**2)
+
+
+@pytest.mark.parametrize(("N", "columns"), [(128, 128), (200, 300), (640, 2), (2048, 3)])
+def test_large_grids_take_three_products_that_equal_the_circulant_matrix(N, columns):
+    """Real, imaginary and mixed symbols, along both axes; the Nyquist mode has a real symbol only."""
+    rng = np.random.default_rng(0)
+    f = rng.normal(size=(N, columns))
+    symbol = rng.normal(size=N // 2 + 1) + 1j * rng.normal(size=N // 2 + 1)
+    symbol[[0, -1]] = symbol[[0, -1]].real
+    exact = fourier.circulant(symbol, N) @ f
+    traced = jax.make_jaxpr(lambda f: fourier.multiply(f, symbol, axis=0))(jnp.asarray(f))
+    assert str(traced).count("dot_general") == 3
+    np.testing.assert_allclose(fourier.multiply(jnp.asarray(f), symbol, axis=0), exact, atol=1e-12 * N)
+    np.testing.assert_allclose(fourier.multiply(jnp.asarray(f.T), symbol), exact.T, atol=1e-12 * N)
 
 
 @pytest.mark.parametrize("N", [64, 256])

@@ -6,7 +6,8 @@ mobility        velocities from forces
 contrast        the same with two viscosities
 inextensible    the tension that keeps the membrane from stretching
 coupled         linear systems that couple all membranes
-linear_part     matrices of the linear part A for the shapes
+shape_block     the linear part A for the shape of one membrane
+linear_part     the linear part A for the shapes of all membranes, as one matrix
 implicit        the linear part A at one instant, and solving with 1 - c A
 projection      filter and projection after each step
 symmetry        symmetries of a single vesicle, which are kept exactly

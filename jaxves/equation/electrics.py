@@ -158,9 +158,10 @@ def _charging_matrix(
 
     `share` is Λ/(1+Λ), and `charge` solves with ½ + S'η.
     """
-    D = fourier.derivative_matrix(curve.speed.shape[0])
-    low_pass = fourier.low_pass_matrix(curve.speed.shape[0], cut)
-    # D · kernel · D / |x_α|, with the low-pass filter applied to its constant right factor
-    dlp_dn = (D @ (laplace_slp @ (D @ low_pass))) / curve.speed[:, None]
+    N = curve.speed.shape[0]
+    low_pass = fourier.low_pass_matrix(N, cut)
+    # ∂ · kernel · ∂ · filter / |x_α|; the kernel is symmetric, so kernel · ∂ = -(∂ · kernel)ᵀ
+    symbol = fourier.derivative_symbol(N) * fourier.low_pass_symbol(N, cut)
+    dlp_dn = -fourier.derivative(fourier.multiply(laplace_slp, symbol, axis=0).T, axis=0) / curve.speed[:, None]
     response = fourier.low_pass_rows(share * charge.solve_columns(dlp_dn), cut)
     return (response - conductance * low_pass) / chi

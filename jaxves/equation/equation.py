@@ -35,6 +35,7 @@ from .implicit import Frozen
 from .inextensible import Constraint, assembled_tension
 from .mobility import AbstractMobility, EqualViscosities
 from .projection import Filter
+from .shape_block import ShapeBlock
 from .state import Motion, Unknowns
 from .symmetry import Symmetry
 
@@ -151,15 +152,15 @@ class Equation(eqx.Module):
         cuts = dict(cut=self.filter.x, surface_cut=self.filter.surface)
 
         def block(curve, slp, sigma, bending, constraint, inside):
-            return linear_part.shape_block(curve, slp, sigma, bending, constraint, inside, **cuts)
+            return ShapeBlock.of(curve, slp, sigma, bending, constraint, inside, **cuts)
 
         parts = surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint, inside
-        A_x = jax.vmap(block)(*parts)
+        blocks = jax.vmap(block)(*parts)
         A_all = None
         if self.coupling is not None and self.coupling.together:
             A_all = self._all_shapes(motion, constraint)
         A_scalars = None if self.electrics is None else self.electrics.linear_part(surfaces, charge)
-        return Frozen(motion, constraint, A_x, A_all, A_scalars)
+        return Frozen(motion, constraint, blocks, A_all, A_scalars)
 
     def _all_shapes(self, motion: Motion, constraint: Constraint) -> Float[Array, "n n"]:
         """Returns A_x of all membranes as one matrix if any are near, otherwise zero."""

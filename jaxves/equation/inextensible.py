@@ -39,9 +39,9 @@ class TensionBlock(eqx.Module):
         On a circle a uniform tension is a pressure and causes no motion. The mean of σ is then set to zero.
         """
         N = curve.speed.shape[0]
-        D = fourier.derivative_matrix(N)
         tx, ty = curve.tangent[:, 0], curve.tangent[:, 1]
-        stiffness = -(tx[:, None] * (D @ spread[0]) + ty[:, None] * (D @ spread[1]))
+        d_x, d_y = (fourier.derivative(part, axis=0) for part in spread)
+        stiffness = -(tx[:, None] * d_x + ty[:, None] * d_y)
         pins = fourier.high_modes(N, cut)
         left = pins.T @ stiffness
         right = left.T if symmetric else stiffness @ pins

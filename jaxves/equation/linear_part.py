@@ -1,4 +1,4 @@
-r"""The matrices of the linear part A for the shapes, at one instant.
+r"""The linear part A for the shapes of all membranes as one matrix, for membranes that are near each other.
 
     A_x = P G (-κ_B ∂_s⁴ + ∂_s σ ∂_s),  P = 1 - G T (Q G T)⁻¹ Q,  G = S or, with two viscosities, A_ν⁻¹ S
 
@@ -16,54 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..geometry.curve import Curve
 from ..numerics import fourier, linear
-from ..numerics.arrays import PerVesicle, Scalar, VesicleNodes
+from ..numerics.arrays import PerVesicle, VesicleNodes
 from ..operators.surfaces import Surfaces
-from ..potentials.self_stokes import StokesBlocks
-from .inextensible import Constraint
-from .mobility import AbstractInside
-
-
-def _elastic_matrix(curve: Curve, sigma: Float[Array, " N"], bending: Scalar, cut: int) -> Float[Array, "N N"]:
-    """Returns the matrix of -κ_B ∂_s⁴ + ∂_s σ ∂_s for one component of x."""
-    N = sigma.shape[0]
-    D = fourier.derivative_matrix(N)
-    D_low = D @ fourier.low_pass_matrix(N, cut)
-    speed = jnp.mean(curve.speed)
-    return (-bending / speed**4) * (D @ D @ D @ D_low) + (D * (sigma / speed**2)) @ D_low
-
-
-def shape_block(
-    curve: Curve,
-    slp: StokesBlocks,
-    sigma: Float[Array, " N"],
-    bending: Scalar,
-    constraint: Constraint,
-    inside: AbstractInside | None,
-    *,
-    cut: int,
-    surface_cut: int,
-) -> Float[Array, "n n"]:
-    """Returns A_x of one membrane, with 2N unknowns ordered by component, node.
-
-    `slp` is its single layer, and `inside` the effect of the inner fluid, or None for equal viscosities.
-    """
-    D = fourier.derivative_matrix(sigma.shape[0])
-    K = jnp.mean(curve.speed) * _elastic_matrix(curve, sigma, bending, cut)
-    xx, xy, yy = slp.xx @ K, slp.xy @ K, slp.yy @ K
-    tx, ty = curve.tangent[:, :1], curve.tangent[:, 1:]
-    if inside is None:
-        d_xx, d_xy, d_yy = D @ xx, D @ xy, D @ yy
-        stretch = jnp.concatenate([tx * d_xx + ty * d_xy, tx * d_xy + ty * d_yy], axis=1)
-        velocity = jnp.concatenate([xx, xy], 1), jnp.concatenate([xy, yy], 1)
-    else:
-        rows = jnp.concatenate([xx, xy], 1), jnp.concatenate([xy, yy], 1)
-        velocity = jnp.split(inside.solve_columns(jnp.concatenate(rows)), 2)
-        stretch = tx * (D @ velocity[0]) + ty * (D @ velocity[1])
-    response = constraint.tension.solve_columns(fourier.low_pass_rows(stretch, surface_cut))
-    rows = [row + part @ response for row, part in zip(velocity, constraint.spread, strict=True)]
-    return jnp.concatenate([fourier.low_pass_rows(row, cut) for row in rows], axis=0)
+from .shape_block import elastic_matrix
 
 
 def shape_matrix(
@@ -83,7 +39,7 @@ def shape_matrix(
     curves = surfaces.curves
     D = fourier.derivative_matrix(N)
     S = _single_layer(surfaces)
-    forces = jax.vmap(lambda *parts: _elastic_matrix(*parts, cut))(curves, sigma, bending)
+    forces = jax.vmap(lambda *parts: elastic_matrix(*parts, cut))(curves, sigma, bending)
     velocity = jnp.einsum("iankbm,kml->iankbl", S, forces)
     stretch = jnp.einsum("ina,np,iapkbl->inkbl", curves.tangent, D, velocity, optimize=[(1, 2), (0, 1)])
     stretch = fourier.low_pass(stretch, surface_cut, axis=1)

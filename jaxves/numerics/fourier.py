@@ -5,9 +5,11 @@ r"""Trigonometric interpolation on the periodic grid α_j = 2πj/N, N even.
 Odd derivatives of the Nyquist mode k = N/2 vanish at the nodes, so `derivative` drops this mode. `low_pass` removes it
 from functions that must not contain it. All functions act on the node axis `axis`.
 
-Every operation is a product with a constant matrix, not a fast Fourier transform. For the number of nodes of one
-membrane this is as fast on a CPU. In addition, XLA's transform on CPUs can deadlock inside compiled loops. Only grids
-with more than `_DENSE` nodes use the fast transform; no compiled loop uses such grids.
+XLA's fast Fourier transform can deadlock on CPUs inside compiled loops. Only grids with more than `_LARGEST` nodes use
+it; no compiled loop uses such grids. On small grids, every operation is a product with one constant matrix. On larger
+grids it consists of three products: a transform over blocks of nodes makes the matrix block diagonal (`_blocks`). For
+matrices this is faster from 128 nodes on. On one core a matrix of 1024 nodes takes 7.8 ms instead of 54 ms, and with
+XLA's transform 9.0 ms.
 
 [T] L. N. Trefethen, Spectral Methods in MATLAB, ch. 3.
 """
@@ -21,8 +23,10 @@ from jaxtyping import Array, Float
 
 from .arrays import Scalar, staged
 
-_DENSE = 1024
+_LARGEST = 2048
 _CONSTANT = 256
+_WIDE = 128  # nodes from which three products are faster for matrices
+_NARROW = 512  # the same for vectors
 
 
 def grid(N: int) -> Float[Array, "N"]:
@@ -37,17 +41,66 @@ def wavenumbers(N: int) -> np.ndarray:
 
 def _along(matrix: np.ndarray, f: Float[Array, "..."], axis: int) -> Float[Array, "..."]:
     """Applies `matrix` along one axis of f."""
+    if f.ndim == 2 and axis == 0:
+        return staged(matrix) @ f
     return jnp.moveaxis(jnp.moveaxis(f, axis, -1) @ staged(matrix.T), -1, axis)
 
 
 def multiply(f: Float[Array, "..."], symbol: np.ndarray, axis: int = -1) -> Float[Array, "..."]:
     """Multiplies mode k by symbol[k], k = 0 … N/2."""
     N = f.shape[axis]
-    if N <= _DENSE:
+    if N > _LARGEST:
+        shape = [1] * f.ndim
+        shape[axis] = -1
+        return jnp.fft.irfft(jnp.fft.rfft(f, axis=axis) * symbol.reshape(shape), N, axis=axis)
+    count = _block_count(N)
+    if count is None or (_WIDE if f.size >= N * N else _NARROW) > N:
         return _along(circulant(symbol, N), f, axis)
-    shape = [1] * f.ndim
-    shape[axis] = -1
-    return jnp.fft.irfft(jnp.fft.rfft(f, axis=axis) * symbol.reshape(shape), N, axis=axis)
+    rows = jnp.moveaxis(f, axis, 0)
+    return jnp.moveaxis(_by_blocks(rows.reshape(N, -1), symbol, count).reshape(rows.shape), 0, axis)
+
+
+@functools.cache
+def _block_count(N: int) -> int | None:
+    """Returns the even number of blocks into which N nodes are divided, about √N; None if there is no such divisor."""
+    return max((n for n in range(4, int(np.sqrt(2 * N)) + 1, 2) if N % n == 0), default=None)
+
+
+def _by_blocks(f: Float[Array, "N k"], symbol: np.ndarray, count: int) -> Float[Array, "N k"]:
+    """Returns `multiply` along the first axis, as three products."""
+    N, k = f.shape
+    transform = _block_transform(count)
+    modes = (staged(transform) @ f.reshape(count, -1)).reshape(count // 2, -1, k)
+    modes = jnp.einsum("bij,bjk->bik", staged(_blocks(symbol, N, count)), modes)
+    return (staged(transform.T) @ modes.reshape(count, -1)).reshape(N, k)
+
+
+def _block_transform(count: int) -> np.ndarray:
+    """Returns the orthogonal real Fourier transform of `count` values.
+
+    Its rows are the mean, the Nyquist mode, and the pairs of cosine and sine.
+    """
+    j, k = np.arange(count), np.arange(1, count // 2)
+    phase = 2 * np.pi * np.outer(k, j) / count
+    pairs = np.stack([np.cos(phase), np.sin(phase)], axis=1).reshape(-1, count) * np.sqrt(2 / count)
+    return np.concatenate([np.ones((1, count)), (-1.0) ** j[None], np.sqrt(count) * pairs]) / np.sqrt(count)
+
+
+def _blocks(symbol: np.ndarray, N: int, count: int) -> np.ndarray:
+    """Returns the diagonal blocks (count/2, 2n, 2n), n = N/count, of a circulant matrix after `_block_transform`.
+
+    Node j = n j₁ + j₂ is entry j₂ of block j₁. The transform over j₁ makes the matrix diagonal in its wavenumber. Each
+    diagonal entry is a complex matrix for j₂, here with the real and the imaginary part of the modes as unknowns.
+    """
+    n = N // count
+    columns = np.fft.rfft(np.fft.irfft(symbol, N).reshape(count, n), axis=0)
+    wrapped = np.exp(-2j * np.pi * np.arange(count // 2 + 1) / count)[:, None] * columns
+    difference = np.arange(n)[:, None] - np.arange(n)[None, :]
+    C = np.where(difference >= 0, columns[:, difference], wrapped[:, difference])
+    blocks = np.concatenate([np.concatenate([C.real, C.imag], 2), np.concatenate([-C.imag, C.real], 2)], 1)
+    zero = np.zeros((n, n))
+    blocks[0] = np.block([[C[0].real, zero], [zero, C[-1].real]])
+    return blocks[:-1]
 
 
 def circulant(symbol: np.ndarray, N: int) -> np.ndarray:
@@ -86,6 +139,12 @@ def derivative(f: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
 def derivative_matrix(N: int) -> np.ndarray:
     """The matrix of `derivative`."""
     return circulant(derivative_symbol(N), N)
+
+
+def elastic_matrices(N: int, cut: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the matrices of d⁴/dα⁴ and d/dα after `low_pass`."""
+    symbol, kept = derivative_symbol(N), low_pass_symbol(N, cut)
+    return circulant(symbol**4 * kept, N), circulant(symbol * kept, N)
 
 
 def antiderivative(f: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
