@@ -39,6 +39,7 @@ PYTHON = {
     "field.membrane_conductance": lambda v: jaxves.dc_field(1.0, conductivity_ratio=0.1, membrane_conductance=v),
     "field.chi": lambda v: jaxves.dc_field(1.0, conductivity_ratio=0.1, chi=v),
     "field.permittivity_ratio": lambda v: jaxves.dc_field(1.0, conductivity_ratio=0.1, permittivity_ratio=v),
+    "field.charge_relaxation": lambda v: jaxves.dc_field(1.0, conductivity_ratio=0.1, charge_relaxation=v),
     "field.time.start": lambda v: jaxves.Pulse(v, 1.0, 0.1),
     "field.time.duration": lambda v: jaxves.Pulse(0.0, v, 0.1),
     "field.time.rise": lambda v: jaxves.Pulse(0.0, 1.0, v),

@@ -119,6 +119,11 @@ PERMITTIVITY_RATIO = Number(
     "field", "permittivity_ratio", bounds.POSITIVE, "permittivity inside / outside",
     letter="ε_i/ε_e", symbol=r"$\varepsilon_i/\varepsilon_e$", default=1.0, per_vesicle="permittivity_ratio",
 )  # fmt: skip
+CHARGE_RELAXATION = Number(
+    "field", "charge_relaxation", bounds.POSITIVE, "charge relaxation time / charging time",
+    letter="δ", symbol=r"$\delta$", example=0.007, note="without it, charge relaxes at once",
+    in_laboratory_units="ε/(a C_m)", size=0.01,
+)  # fmt: skip
 
 START = Number("field.time", "start", bounds.FINITE, "start of the pulse", symbol="start", unit="t_κ", example=0.1)
 DURATION = Number("field.time", "duration", bounds.POSITIVE, "its duration", symbol="duration", unit="t_κ", example=0.5)

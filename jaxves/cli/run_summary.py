@@ -24,6 +24,8 @@ _SHOWN = (
     "max_V_m",
     "tension_min",
     "tension_max",
+    "lipid_tension_max",
+    "interfacial_charge",
     "bending_energy",
     "separation",
     "line_angle",

@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..numerics import krylov, linear
-from ..numerics.arrays import VesicleNodes
+from ..numerics.arrays import Scalar, VesicleNodes
 from ..operators.interactions import AbstractInteractions
+from ..operators.surfaces import Surfaces
 
 _COUPLED = 1e-11  # tolerance for the true relative residual
 
@@ -49,3 +50,17 @@ def assembled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"]) -> li
     m = np.arange(M)
     whole = coupled.reshape(M, N, M, N).at[m, :, m, :].set(blocks).reshape(M * N, M * N)
     return linear.Dense().factor(linear.LinearOperator(whole))
+
+
+def worst(solutions: list[linear.Solution], surfaces: Surfaces) -> tuple[Scalar, Array]:
+    """Returns the largest residual and the number of iterations.
+
+    The residual is infinite if there was no room for all near pairs.
+    """
+    residual, iterations = jnp.zeros(()), jnp.int32(0)
+    for solution in solutions:
+        residual = jnp.maximum(residual, jnp.max(solution.residual))
+        iterations = iterations + jnp.max(solution.iterations)
+    if surfaces.interactions is not None and surfaces.interactions.crowded is not None:
+        residual = jnp.where(surfaces.interactions.crowded, jnp.inf, residual)
+    return residual, iterations

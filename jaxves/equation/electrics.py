@@ -2,9 +2,11 @@ r"""Charging of the membranes by a field, and the electric force on them.
 
 `AbstractElectrics` is the interface for the equation of motion. `MembraneCharging` is the model of the paper: a
 capacitive membrane between two leaky dielectrics, with V_m as the only scalar. `physics/electric.py` has the formulas.
+Other models are in `staged_charging`.
 """
 
 import abc
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -34,18 +36,22 @@ class AbstractElectric(eqx.Module):
     charge: eqx.AbstractVar[VesicleNodes]
     fields: eqx.AbstractVar[SurfaceFields]
 
+    @abc.abstractmethod
+    def potential(self, scalars: dict[str, VesicleNodes]) -> VesicleNodes:
+        """Returns V_m (M, N); `scalars` are those of the state."""
+
 
 class AbstractElectrics(eqx.Module):
     """An electric model: the rates of the scalars, and the electric force."""
 
     @abc.abstractmethod
-    def start(self, scene: Scene) -> dict[str, VesicleNodes]:
-        """Returns the scalars at the start by name, (M, N) each."""
+    def start(self, scene: Scene, surfaces: Callable[[], Surfaces]) -> dict[str, VesicleNodes]:
+        """Returns the scalars at the start by name, (M, N) each. `surfaces` computes the membranes at the start."""
 
     @abc.abstractmethod
     def solve(
         self, t: Scalar, surfaces: Surfaces, scalars: dict[str, VesicleNodes], *, direct: bool, factored: bool
-    ) -> tuple[AbstractElectric, linear.Solution, linear.AbstractFactored]:
+    ) -> tuple[AbstractElectric, linear.Solution, linear.AbstractFactored | None]:
         """Returns the electric quantities at one instant, the linear solution, and factors for `linear_part`.
 
         With `direct`, systems that couple membranes are factorised and not solved by GMRES. `factored` says that
@@ -59,8 +65,11 @@ class AbstractElectrics(eqx.Module):
         """Returns the time derivatives of the scalars at material points, given the velocity of the nodes."""
 
     @abc.abstractmethod
-    def linear_part(self, surfaces: Surfaces, factors: linear.AbstractFactored) -> Float[Array, "M n n"]:
-        """Returns the linear part of `rates` for each membrane, for all its scalars in the order of their names."""
+    def linear_part(self, surfaces: Surfaces, factors: linear.AbstractFactored | None) -> Float[Array, "M n n"] | None:
+        """Returns the linear part of `rates` for each membrane, for all its scalars in the order of their names.
+
+        It is None if the scalars are solved for within the stages of a step (`staged_charging`).
+        """
 
 
 class MembraneElectric(AbstractElectric):
@@ -70,6 +79,9 @@ class MembraneElectric(AbstractElectric):
     charge: VesicleNodes
     traction: VesiclePoints
     fields: SurfaceFields
+
+    def potential(self, scalars):
+        return scalars["V_m"]
 
 
 class MembraneCharging(AbstractElectrics):
@@ -82,7 +94,7 @@ class MembraneCharging(AbstractElectrics):
     solver: linear.AbstractSolver
     cut: int = eqx.field(static=True)
 
-    def start(self, scene: Scene) -> dict[str, VesicleNodes]:
+    def start(self, scene, surfaces):
         return {"V_m": jnp.zeros(scene.x.shape[:2]) if scene.V_m is None else scene.V_m}
 
     def solve(self, t, surfaces, scalars, *, direct, factored):

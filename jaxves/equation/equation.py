@@ -30,12 +30,14 @@ from ..physics.scene import Scene
 from ..potentials.self_refined import Refinement
 from . import linear_part, projection
 from .contrast import ViscosityContrast
-from .electrics import AbstractElectrics, MembraneCharging
-from .implicit import Frozen
+from .coupled import worst
+from .electrics import AbstractElectrics
+from .implicit import Frozen, Implicit
 from .inextensible import Constraint, assembled_tension
 from .mobility import AbstractMobility, EqualViscosities
 from .projection import Filter
 from .shape_block import ShapeBlock
+from .staged_charging import AbstractStagedCharging, electrics_for
 from .state import Motion, Unknowns
 from .symmetry import Symmetry
 
@@ -65,6 +67,11 @@ class Equation(eqx.Module):
         """Whether there is a single membrane in free space. It may be a circle, and its symmetries are kept."""
         return self.coupling is None and isinstance(self.domain, Free)
 
+    @property
+    def is_staged(self) -> bool:
+        """Whether the scalars are solved for within the stages of a step, by `stage`."""
+        return isinstance(self.electrics, AbstractStagedCharging)
+
     def kept(self) -> dict[str, PerVesicle]:
         """Returns the areas and perimeters, which are conserved, by the names of the diagnostics."""
         return {"area": self.area, "length": 2 * np.pi * self.speed}
@@ -92,6 +99,25 @@ class Equation(eqx.Module):
         """Returns F(y) at the instant of `frozen`, without computing it again."""
         return self._rate(t, frozen.motion)
 
+    def stage(self, solver: Implicit, t: Scalar, y: Unknowns, r: Unknowns, c: Scalar) -> tuple[Unknowns, Unknowns]:
+        """Returns the increment d of a stage at time t, and F(y + d), for an equation that `is_staged`.
+
+        The shapes have d = r + c A d, by `solver`. The scalars have d = r + c F(y + d).
+        """
+        dx = solver.x.solve(r.x)
+        start = jax.tree.map(jnp.add, y.scalars, r.scalars)
+        motion, *_ = self._motion(t, Unknowns(y.x + dx, start), factored=False, c=c)
+        scalars = jax.tree.map(lambda r, rate: r + c * rate, r.scalars, motion.rates)
+        return Unknowns(dx, scalars, r.integrals), self._rate(t, motion)
+
+    def parts(self, rate: Unknowns) -> tuple[Unknowns, Unknowns]:
+        """Returns the explicit and the implicit part of F(y) at the start of a step, if the equation `is_staged`.
+
+        The rates of the scalars are wholly implicit.
+        """
+        zero = jax.tree.map(jnp.zeros_like, rate)
+        return Unknowns(rate.x, zero.scalars, rate.integrals), Unknowns(zero.x, rate.scalars, zero.integrals)
+
     def _rate(self, t: Scalar, motion: Motion) -> Unknowns:
         integrals = {} if self.integrands is None else self.integrands(motion, self.scene, t)
         return Unknowns(motion.velocity, motion.rates, integrals)
@@ -106,8 +132,11 @@ class Equation(eqx.Module):
             refinement=self.refinement,
         )
 
-    def _motion(self, t: Scalar, y: Unknowns, *, factored: bool):
-        """Returns F, and what A needs: the constraint, the factors of A_ν, those of the charge (only if `factored`)."""
+    def _motion(self, t: Scalar, y: Unknowns, *, factored: bool, c: Scalar | None = None):
+        """Returns F, and what A needs: the constraint, the factors of A_ν, those of the charge (only if `factored`).
+
+        Given c, the scalars of y are those from which the scalars s of a stage are solved for, s = y + c s'.
+        """
         scene, surfaces = self.scene, self._surfaces(y)
         curves = surfaces.curves
         direct = self.coupling is not None and self.coupling.direct
@@ -117,9 +146,12 @@ class Equation(eqx.Module):
         electric = charge = None
         if self.electrics is not None:
             with jax.named_scope("electric"):
-                electric, solution, charge = self.electrics.solve(
-                    t, surfaces, y.scalars, direct=direct, factored=factored
-                )
+                if c is None:
+                    electric, solution, charge = self.electrics.solve(
+                        t, surfaces, y.scalars, direct=direct, factored=factored
+                    )
+                else:
+                    electric, solution = self.electrics.solve_stage(t, surfaces, y.scalars, c, direct=direct)
                 solutions.append(solution)
                 force = force - electric.traction
         imposed = None if scene.flow is None else scene.flow.velocity(y.x, t)
@@ -139,7 +171,7 @@ class Equation(eqx.Module):
                 velocity,
             )
         rates = {} if electric is None else self.electrics.rates(electric, y.scalars, velocity)
-        residual, iterations = _worst(solutions, surfaces)
+        residual, iterations = worst(solutions, surfaces)
         motion = Motion(surfaces, velocity, sigma, f_hd, electric, rates, residual, iterations)
         return motion, moved.constraint, response.inside, charge
 
@@ -213,25 +245,14 @@ class Equation(eqx.Module):
     def start(self) -> Unknowns:
         """Returns the starting state, filtered and projected."""
         scene = self.scene
-        y = self.settled(Unknowns(scene.x, {} if self.electrics is None else self.electrics.start(scene)))
+        scalars = {}
+        if self.electrics is not None:
+            scalars = self.electrics.start(scene, lambda: self._surfaces(Unknowns(scene.x)))
+        y = self.settled(Unknowns(scene.x, scalars))
         if self.integrands is not None:
             shapes = jax.eval_shape(lambda y: self.rate(jnp.zeros(()), y), y).integrals
             y = Unknowns(y.x, y.scalars, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), shapes))
         return y
-
-
-def _worst(solutions: list[linear.Solution], surfaces: Surfaces) -> tuple[Scalar, Array]:
-    """Returns the largest residual and the number of iterations.
-
-    The residual is infinite if there was no room for all near pairs.
-    """
-    residual, iterations = jnp.zeros(()), jnp.int32(0)
-    for solution in solutions:
-        residual = jnp.maximum(residual, jnp.max(solution.residual))
-        iterations = iterations + jnp.max(solution.iterations)
-    if surfaces.interactions is not None and surfaces.interactions.crowded is not None:
-        residual = jnp.where(surfaces.interactions.crowded, jnp.inf, residual)
-    return residual, iterations
 
 
 def equation_for(
@@ -266,7 +287,7 @@ def equation_for(
         jax.vmap(geometry.area)(curves),
         jax.vmap(geometry.length)(curves) / (2 * np.pi),
         filter,
-        None if scene.field is None else MembraneCharging(scene.field, solver, filter.surface),
+        electrics_for(scene, solver, filter.surface),
         EqualViscosities() if scene.viscosity_ratio is None else ViscosityContrast(scene.viscosity_ratio),
         coupling,
         Symmetry.of(scene) if M == 1 and keep_symmetry else None,

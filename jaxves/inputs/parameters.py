@@ -10,13 +10,14 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from ..base.physical_numbers import DISTURBANCE, PER_VESICLE, VISCOSITY_RATIO
+from ..base.physical_numbers import CHARGE_RELAXATION, DISTURBANCE, PER_VESICLE, VISCOSITY_RATIO
 from .checking import SceneError, Table, checked, dotted
 from .scene_tables import SceneFile
 
 _TABLES = ("vesicle", "pair", "fluid", "field", "flow")
-# Numbers that a vesicle may have without its table saying so: then those of [field] or [fluid] hold, or there is none.
-_OWN = (*(number.key for number in PER_VESICLE), VISCOSITY_RATIO.key, DISTURBANCE.key)
+# Numbers that may be given without the file having them: those of [field] or [fluid] for a vesicle, and those that may
+# be absent.
+_OWN = (*(number.key for number in PER_VESICLE), VISCOSITY_RATIO.key, DISTURBANCE.key, CHARGE_RELAXATION.key)
 _PART = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..base import physical_numbers
+from ..base.bounds import RATIO_OF_RELAXING
 from ..geometry import outlines
 from .checking import Table, choice, one_of, refusal
 from .key_types import (
@@ -25,6 +26,7 @@ from .key_types import (
     Tolerance,
     Window,
     key,
+    optional_key,
 )
 from .vesicle_tables import CircleVesicle, EllipseVesicle, PointsVesicle, VesicleTable
 
@@ -103,6 +105,7 @@ class FieldTable(Table):
     membrane_conductance: key(physical_numbers.MEMBRANE_CONDUCTANCE)
     chi: key(physical_numbers.CHI)
     permittivity_ratio: key(physical_numbers.PERMITTIVITY_RATIO)
+    charge_relaxation: optional_key(physical_numbers.CHARGE_RELAXATION)
     direction: Direction = (0.0, 1.0)
     time: choice(ConstantTime, PulseTime, SineTime, TabulatedTime) | None = None
 
@@ -234,6 +237,8 @@ class SceneFile(Table):
             raise refusal(f"exactly one [[vesicle]] to copy, not {len(self.vesicle)}", "pair", {})
         if self.field is None:
             self._has_nothing_electric()
+        elif self.field.charge_relaxation is not None:
+            self._relaxes()
         self._has_one_viscosity_if_several()
         self._is_clear_of_contact()
         return self
@@ -256,6 +261,16 @@ class SceneFile(Table):
         for i, vesicle in enumerate(self.vesicle):
             if vesicle.viscosity_ratio is not None:
                 raise refusal(wanted, f"vesicle[{i}].viscosity_ratio", vesicle.viscosity_ratio)
+
+    def _relaxes(self) -> None:
+        limits = RATIO_OF_RELAXING
+        for place, table in (("field", self.field), *((f"vesicle[{i}]", v) for i, v in enumerate(self.vesicle))):
+            value = table.conductivity_ratio
+            if value is not None and not limits.hold(value):
+                raise refusal(limits.expected, f"{place}.conductivity_ratio", value)
+        if self.numerics.method == "euler":
+            wanted = '"auto", "ark4" or "ark5", because charge_relaxation is given'
+            raise refusal(wanted, "numerics.method", self.numerics.method)
 
     def _is_clear_of_contact(self) -> None:
         vesicles = self.vesicles()

@@ -43,6 +43,7 @@ relaxed = false              # true: relax to equilibrium before the run, withou
 {field.membrane_conductance}
 {field.chi}
 {field.permittivity_ratio}
+# {field.charge_relaxation}
 direction = [0.0, 1.0]
 
 # [field.time]               # a factor on the field: constant, pulse, sine or table

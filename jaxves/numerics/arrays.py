@@ -27,6 +27,11 @@ def as_float(value) -> Float[Array, "..."]:
     return jnp.asarray(value, dtype=float)
 
 
+def optional_float(value) -> Float[Array, "..."] | None:
+    """Returns `value` as an array in double precision, or None for None."""
+    return None if value is None else as_float(value)
+
+
 def staged(constant: np.ndarray) -> Array:
     """Wraps a constant in `jit`, so that `jax.checkpoint` recomputes it instead of storing it.
 

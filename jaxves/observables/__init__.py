@@ -3,6 +3,7 @@
 quantities      names, units and axes of the diagnostics; no JAX
 registry        how a function registers as the one that computes some of the quantities
 of_membranes, of_field, of_suspension   the functions: of each membrane, in a field, of all vesicles
+of_charge       the functions for charge that relaxes in a finite time
 diagnostics     calls them all for one instant; time averages
 rows            everything that is saved at one time
 observing       computes a row from a state

@@ -68,7 +68,9 @@ def fields_at(equation: Equation, t: ScalarLike, y: Unknowns, points: Points) ->
 def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surroundings:
     scene = equation.scene
     motion = equation.motion(t, y)
-    q = None if motion.electric is None else motion.electric.charge
+    q = V_m = None
+    if motion.electric is not None:
+        q, V_m = motion.electric.charge, motion.electric.potential(y.scalars)
     ratio, curves, u = scene.viscosity_ratio, motion.surfaces.curves, None
     if ratio is not None:
         # Not the filtered velocity of the nodes, whose error would be multiplied by 1/ν inside and by ν outside.
@@ -76,7 +78,7 @@ def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surro
         moving = equation.mobility.at(motion.surfaces).velocity(motion.f_hd, imposed)
         turning = jax.vmap(RigidMotion.nearest)(curves, moving)
         u = (1 - ratio)[:, None, None] * (moving - jax.vmap(RigidMotion.at)(turning, curves.x))
-    membranes = _Membrane(curves, motion.f_hd, q, y.V_m, u)
+    membranes = _Membrane(curves, motion.f_hd, q, V_m, u)
 
     M, P = y.x.shape[0], points.shape[0]
     is_near, enclosed = jax.lax.map(lambda point: _place(membranes.curve, point), points, batch_size=_CHUNK)

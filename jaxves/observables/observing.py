@@ -22,4 +22,5 @@ def observe(equation: Equation, t: Scalar, y: Unknowns, angle: PerVesicle, time_
     found["inclination_unwrapped"] = tracking.turned(angle, found["inclination"])
     if time_error is not None:
         found["time_error"] = time_error
-    return Row(t, y.x, tension, found, y.V_m)
+    V_m = None if motion.electric is None else motion.electric.potential(y.scalars)
+    return Row(t, y.x, tension, found, V_m, scalars={name: f for name, f in y.scalars.items() if name != "V_m"})

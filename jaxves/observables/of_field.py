@@ -27,7 +27,8 @@ def angle_of(vector: Array) -> Array:
 def of_field(instant: Instant, found) -> dict[str, Array]:
     """What the field does to every membrane."""
     curves, electric = instant.motion.surfaces.curves, instant.motion.electric
-    out = jax.vmap(_of_membrane)(curves, electric.charge, instant.y.V_m, electric.traction)
+    V_m = electric.potential(instant.y.scalars)
+    out = jax.vmap(_of_membrane)(curves, electric.charge, V_m, electric.traction)
     direction = instant.scene.field.unit_direction()
     out["deformation_along_field"] = jax.vmap(geometry.deformation, in_axes=(0, None))(curves, direction)
     return out

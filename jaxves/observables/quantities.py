@@ -34,6 +34,8 @@ QUANTITIES = {
     "neighbor_distance": Quantity("a", "distance of the centre to the nearest other, of more than two vesicles", _EACH),
     "dipole": Quantity("eps E_inf a^2", "∮ (q x - V_m n) ds about the centroid", (*_EACH, "xy")),
     "dipole_angle": Quantity("rad", "angle of the dipole from x, in (-π, π]", _EACH),
+    "interfacial_charge": Quantity("eps_e E_inf a", "∮ Q ds, the charge of both faces of the membrane", _EACH),
+    "lipid_tension_max": Quantity("kappa_B/a^2", "greatest λ + ½ C_m V_m², with the share of the capacitor", _EACH),
     "charge": Quantity("E_inf a", "∮ q ds", _EACH),
     "max_V_m": Quantity("E_inf a", "largest |V_m| of the interpolant, which electroporation depends on", _EACH),
     "torque": Quantity("kappa_B/a", "electric torque about the centroid", _EACH),

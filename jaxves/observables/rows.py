@@ -7,8 +7,8 @@ class Row(NamedTuple):
     """Everything that is saved at one time. Rows of several times have the times (T,) as the first axis of all arrays.
 
     A row is a pytree of NumPy arrays or traced arrays: `t` (), `x` (M, N, 2), `tension` (M, N), `V_m` (M, N) or None
-    without a field, and `diagnostics` by name. Rows of a result file also have the number of `nodes` (M,) and of
-    accepted `steps` ().
+    without a field, and `diagnostics` by name. `scalars` has the scalars of the state other than V_m by name, (M, N)
+    each; most models have none. Rows of a result file also have the number of `nodes` (M,) and of accepted `steps` ().
     """
 
     t: Any
@@ -18,3 +18,4 @@ class Row(NamedTuple):
     V_m: Any = None
     nodes: Any = None
     steps: Any = None
+    scalars: Any = None

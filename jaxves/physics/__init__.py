@@ -2,6 +2,7 @@
 
 membrane    bending and tension forces, bending energy
 electric    charging of the membrane, electric field on its two sides, Maxwell stress
+charging    laws of charging, solved for one implicit stage
 flow        imposed flows
 waveform    the time dependence of the field
 rigid       motion of a circle, which cannot deform

@@ -18,11 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..base.arguments import Bounded, is_known, refusal
-from ..base.bounds import FINITE
-from ..base.physical_numbers import BETA, CHI, PER_VESICLE
+from ..base.arguments import Bounded, is_known, refusal, require
+from ..base.bounds import FINITE, RATIO_OF_RELAXING
+from ..base.physical_numbers import BETA, CHARGE_RELAXATION, CHI, PER_VESICLE
 from ..geometry.curve import Curve, d_ds
-from ..numerics.arrays import NodePoints, Nodes, PerVesicle, Scalar, as_float
+from ..numerics.arrays import NodePoints, Nodes, PerVesicle, Scalar, as_float, optional_float
 from .waveform import AbstractHistory
 
 _PER_VESICLE = tuple(number.per_vesicle for number in PER_VESICLE)
@@ -40,7 +40,8 @@ class Field(Bounded):
     """The imposed electric field and the electric parameters of fluids and membranes; (M,) arrays are per vesicle.
 
     β = ε|E_∞|² a C_m / μσ_e and χ = C_m κ_B/(σ_e μ a²) use the reference capacitance. Their ratio scales the Maxwell
-    stress. `membrane_chi` is χ with the capacitance of each vesicle.
+    stress. `membrane_chi` is χ with the capacitance of each vesicle. `charge_relaxation` is δ = ε_e/(a C_m) with the
+    reference capacitance; with None, charge in the fluids is in equilibrium at every instant.
 
     Raises:
         ValueError: a known number is out of its bounds, or shapes do not fit.
@@ -49,6 +50,7 @@ class Field(Bounded):
     bounds: ClassVar = {
         "beta": BETA.bounds,
         "chi": CHI.bounds,
+        "charge_relaxation": CHARGE_RELAXATION.bounds,
         **{number.per_vesicle: number.bounds for number in PER_VESICLE},
         "direction": FINITE,
     }
@@ -61,6 +63,7 @@ class Field(Bounded):
     permittivity_ratio: PerVesicle = eqx.field(converter=as_float)  # ε_i/ε_e
     direction: Float[Array, "2"] = eqx.field(converter=as_float)
     history: AbstractHistory | None = None
+    charge_relaxation: Scalar | None = eqx.field(converter=optional_float, default=None)  # δ
 
     def __check_init__(self):
         for name in ("beta", "chi"):
@@ -73,9 +76,16 @@ class Field(Bounded):
             raise refusal("Field.history", self.history, "a factor of time, such as Pulse(0.0, 1.0, 1e-3), or None")
         if self.direction.shape != (2,) or (is_known(self.direction) and not np.any(np.asarray(self.direction))):
             raise refusal("Field.direction", self.direction, "two finite numbers, not both zero")
+        if self.charge_relaxation is not None:
+            if self.charge_relaxation.shape != ():
+                raise refusal("Field.charge_relaxation", self.charge_relaxation, "one number")
+            require("Field.conductivity_ratio", self.conductivity_ratio, RATIO_OF_RELAXING)
 
     def is_within_bounds(self) -> Bool[Array, ""]:
-        return super().is_within_bounds() & jnp.any(self.direction != 0)
+        valid = super().is_within_bounds() & jnp.any(self.direction != 0)
+        if self.charge_relaxation is None:
+            return valid
+        return valid & jnp.all(RATIO_OF_RELAXING.hold(self.conductivity_ratio))
 
     def for_vesicles(self, M: int) -> "Field":
         """Returns the field of one vesicle with its numbers repeated for M vesicles."""
@@ -94,6 +104,10 @@ class Field(Bounded):
     def stress_scale(self) -> Scalar:
         """Returns β/χ, the Maxwell stress of the reference field in units of the bending stress κ_B/a³."""
         return self.beta / self.chi
+
+    def relaxation_time(self) -> Scalar:
+        """Returns t_c = χδ, the time ε_e/σ_e in which charge relaxes in the outer fluid, in units of t_κ."""
+        return self.chi * self.charge_relaxation
 
     def contrast(self) -> PerVesicle:
         """Returns η = (Λ-1)/(Λ+1)."""
@@ -132,6 +146,18 @@ def surface_fields(
     tangential = curve.tangent @ E_inf - potential_slope
     half_jump = 0.5 * d_ds(V_m, curve)
     return SurfaceFields((1 - share) * w, share * w, tangential - half_jump, tangential + half_jump)
+
+
+def fields_beside(
+    curve: Curve, E_inf: Float[Array, "2"], g: Nodes, q: Nodes, V_m: Nodes, potential_slope: Nodes
+) -> SurfaceFields:
+    """Returns the electric field on both sides of one membrane, with the mean g and the jump -q of E_n.
+
+    `potential_slope` is that of `surface_fields`.
+    """
+    tangential = curve.tangent @ E_inf - potential_slope
+    half_jump = 0.5 * d_ds(V_m, curve)
+    return SurfaceFields(g - 0.5 * q, g + 0.5 * q, tangential - half_jump, tangential + half_jump)
 
 
 def maxwell_traction(curve: Curve, fields: SurfaceFields, permittivity_ratio: Scalar) -> NodePoints:

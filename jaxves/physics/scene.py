@@ -193,6 +193,7 @@ def dc_field(
     membrane_conductance=MEMBRANE_CONDUCTANCE.default,
     chi=CHI.default,
     permittivity_ratio=PERMITTIVITY_RATIO.default,
+    charge_relaxation=None,
     direction=(0.0, 1.0),
     vesicles: int = 1,
     history=None,
@@ -206,7 +207,9 @@ def dc_field(
         conductivity_ratio: Λ >= 0, inside over outside; infinity means a perfect conductor inside.
         membrane_conductance: G >= 0.
         chi: charging time divided by t_κ, positive.
-        permittivity_ratio: ε_i/ε_e, positive.
+        permittivity_ratio: ε_i/ε_e, positive. Without `charge_relaxation` it enters the Maxwell stress only.
+        charge_relaxation: δ = ε_e/(a C_m), positive; with None, charge in the fluids is in equilibrium at every
+            instant.
         direction: direction of the field, not zero; it is normalised.
         vesicles: number of vesicles; `make_scene` repeats the numbers of a field for one vesicle.
         history: a time-dependent factor on the field, such as `Pulse`.
@@ -238,4 +241,5 @@ def dc_field(
         **{number.per_vesicle: each(numbers[number.key]) for number in PER_VESICLE},
         direction=direction,
         history=history,
+        charge_relaxation=charge_relaxation,
     )

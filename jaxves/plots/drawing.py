@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -10,7 +9,7 @@ from ..base.arguments import refusal
 from ..equation.equation import Equation, equation_for
 from ..equation.state import Unknowns
 from ..physics.scene import Scene
-from ..runs.problem import reconstructed
+from ..runs.problem import reconstructed, state_at
 from . import lines, run_plots, sweep_plots
 
 _OF_RUN = {"snapshots": run_plots.snapshots, "history": run_plots.history}
@@ -45,8 +44,7 @@ def instant(record: Any, t: float) -> tuple[Equation, float, Unknowns]:
     if not isinstance(scene, Scene):
         return reconstructed(record, t)
     row = int(np.nanargmin(np.abs(np.asarray(record.t) - t)))
-    V_m = None if record.V_m is None else jnp.asarray(record.V_m[row])
-    return equation_for(scene), float(record.t[row]), Unknowns.of(jnp.asarray(record.x[row]), V_m)
+    return equation_for(scene), float(record.t[row]), state_at(record, row)
 
 
 def draw_sweep(record: Any, what: str | None = None, **how: Any) -> Figure:

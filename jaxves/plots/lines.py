@@ -51,7 +51,7 @@ def _lines(equation, t, y, color, *, window=None, resolution=160, density=1.3, a
         for low, high in (window[:2], window[2:])
     )
     points = np.stack(np.meshgrid(across, upward), axis=-1)
-    found, tension = _evaluate(equation, jnp.asarray(t, dtype=float), y, jnp.asarray(points.reshape(-1, 2)))
+    found, tension, V_m = _evaluate(equation, jnp.asarray(t, dtype=float), y, jnp.asarray(points.reshape(-1, 2)))
     vectors = found.velocity if color == "tension" else found.electric_field
     u, v = np.moveaxis(np.asarray(vectors).reshape(points.shape), -1, 0)
 
@@ -60,7 +60,7 @@ def _lines(equation, t, y, color, *, window=None, resolution=160, density=1.3, a
     axes = Figure(figsize=size).add_subplot() if given is None else given[0]
     density = (density, density * aspect(window))
     axes.streamplot(across, upward, u, v, density=density, color="0.55", linewidth=0.5, arrowsize=0.5)
-    drawn = membranes(axes, x, np.asarray(tension if color == "tension" else y.V_m))
+    drawn = membranes(axes, x, np.asarray(tension if color == "tension" else V_m))
     axes.set(xlim=window[:2], ylim=window[2:], xlabel="$x/a$", ylabel="$y/a$", title=time_label(t))
     figure_of(axes).colorbar(drawn, ax=axes, label=SYMBOLS[color], shrink=0.8, aspect=22)
     return figure_of(axes)
@@ -70,4 +70,5 @@ def _lines(equation, t, y, color, *, window=None, resolution=160, density=1.3, a
 def _evaluate(equation, t, y, points):
     motion = equation.motion(t, y)
     tension = jax.vmap(membrane.physical_tension)(motion.surfaces.curves, motion.sigma, equation.scene.bending)
-    return fields_at(equation, t, y, points), tension
+    V_m = None if motion.electric is None else motion.electric.potential(y.scalars)
+    return fields_at(equation, t, y, points), tension, V_m

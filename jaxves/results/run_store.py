@@ -28,27 +28,40 @@ HISTORY = {
     "nodes": Description("1", "nodes used in the computation", ("t", "vesicle"), int),
     "steps": Description("1", "accepted steps until then", ("t",), int),
 }
-
+_NODES = ("t", "vesicle", "node")
+# The scalars of a state besides V_m, as far as the model of charging has them.
+SCALARS = {
+    "Q": Description("eps_e E_inf", "charge of the interface, both faces together", _NODES),
+    "W": Description("a E_inf", "half the difference of the charges of the faces, over C_m", _NODES),
+}
 
 _DIAGNOSTICS = "diagnostics/"  # where a file has the diagnostics of the saved times
+_SCALARS = "scalars/"  # where it has the scalars besides V_m
 
 
 def datasets_of(row: Row) -> dict[str, np.ndarray]:
     """Returns the arrays of a row by their paths in a result file."""
     found = {name: getattr(row, name) for name in HISTORY if getattr(row, name) is not None}
+    found |= {f"{_SCALARS}{name}": value for name, value in (row.scalars or {}).items()}
     return found | {f"{_DIAGNOSTICS}{name}": value for name, value in row.diagnostics.items()}
 
 
 def row_of(datasets: Mapping[str, np.ndarray]) -> Row:
     """Returns the row with these arrays by their paths, the inverse of `datasets_of`; others are left out."""
-    found = {name.removeprefix(_DIAGNOSTICS): datasets[name] for name in datasets if name.startswith(_DIAGNOSTICS)}
-    return Row(diagnostics=found, **{name: datasets.get(name) for name in HISTORY})
+
+    def below(folder: str) -> dict[str, np.ndarray]:
+        return {name.removeprefix(folder): datasets[name] for name in datasets if name.startswith(folder)}
+
+    history = {name: datasets.get(name) for name in HISTORY}
+    return Row(diagnostics=below(_DIAGNOSTICS), scalars=below(_SCALARS), **history)
 
 
 def description(path: str) -> Description:
     """Returns what the dataset at this path holds."""
     if path in HISTORY:
         return HISTORY[path]
+    if path.startswith(_SCALARS):
+        return SCALARS[path.removeprefix(_SCALARS)]
     return Description(*quantities.QUANTITIES[path.removeprefix(_DIAGNOSTICS)])
 
 
@@ -57,7 +70,8 @@ class Record(Viewed):
     """The contents of the result file of a run. The first axis of arrays is the saved times, except in `averages`.
 
     `t` (T,), `x` (T, M, N, 2), `V_m` (T, M, N) or None without a field, `tension` (T, M, N), `nodes` (T, M),
-    `steps` (T,). `scene` is the scene as TOML.
+    `steps` (T,). `scalars` are the scalars of the state besides V_m by name, (T, M, N) each. `scene` is the scene as
+    TOML.
     """
 
     t: np.ndarray
@@ -66,6 +80,7 @@ class Record(Viewed):
     tension: np.ndarray
     nodes: np.ndarray
     steps: np.ndarray
+    scalars: dict[str, np.ndarray]
     diagnostics: dict[str, np.ndarray]
     averages: dict[str, np.ndarray] | None
     attributes: dict

@@ -146,8 +146,9 @@ class Resolution:
     def stored(self, row: Row) -> Row:
         """Returns the row interpolated to the number of nodes of all rows, with the number that was used."""
         count, M, N = row.x.shape[:3]
-        x, tension, V_m = jax.tree.map(lambda f: finer_rows(f, self.sizes[-1]), (row.x, row.tension, row.V_m))
-        return row._replace(x=x, tension=tension, V_m=V_m, nodes=np.full((count, M), N))
+        at_nodes = {name: getattr(row, name) for name in ("x", "tension", "V_m", "scalars")}
+        finer = jax.tree.map(lambda f: finer_rows(f, self.sizes[-1]), at_nodes)
+        return row._replace(nodes=np.full((count, M), N), **finer)
 
     def stepped(self, state: State, t_save: float) -> tuple[State, Row]:
         """Advances to the next saved time and adapts the number of nodes; returns the state and the row.

@@ -101,6 +101,7 @@ def _field(table: FieldTable | None, vesicles: tuple[VesicleTable, ...]) -> Fiel
         **{number.per_vesicle: each(number.key) for number in PER_VESICLE},
         direction=table.direction,
         history=_history(table.time),
+        charge_relaxation=table.charge_relaxation,
     )
 
 

@@ -123,16 +123,23 @@ def awaited(tree):
     return tree
 
 
+def state_at(record, row: int) -> Unknowns:
+    """Returns the state at a saved row of a result file or of a Python `Result`."""
+    scalars = {name: jnp.asarray(values[row]) for name, values in (record.scalars or {}).items()}
+    if record.V_m is not None and "W" not in scalars:  # V_m follows from Q and W, and is then no scalar of the state
+        scalars["V_m"] = jnp.asarray(record.V_m[row])
+    return Unknowns(jnp.asarray(record.x[row]), scalars)
+
+
 def reconstructed(record: run_store.Record, t: float) -> tuple[Equation, float, Unknowns]:
     """Returns the equation of a result, the saved time nearest to t, and the state at this time."""
     scene_file = parse(tomllib.loads(record.scene))
     scene = build(scene_file)
     scene = eqx.tree_at(lambda s: s.x, scene, jnp.asarray(record.x[0]))
     row = int(np.argmin(np.abs(record.t - t)))
-    V_m = None if record.V_m is None else jnp.asarray(record.V_m[row])
     solver, coupling = Case(scene_file).solved_by(scene)
     equation = _equation(scene, solver=solver, coupling=coupling)
-    return equation, float(record.t[row]), Unknowns.of(jnp.asarray(record.x[row]), V_m)
+    return equation, float(record.t[row]), state_at(record, row)
 
 
 _equation = eqx.filter_jit(equation_for)

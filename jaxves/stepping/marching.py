@@ -36,7 +36,8 @@ from .state import State
 class Result(Viewed, eqx.Module):
     """The result of a run. The first axis of arrays is the saved times (T,); rows after an early end are NaN.
 
-    `scene` is the scene of the run. A notebook shows a card with a picture.
+    `scene` is the scene of the run. `scalars` are the scalars of the state besides V_m by name, (T, M, N) each. A
+    notebook shows a card with a picture.
     """
 
     t: Float[Array, "T"]
@@ -48,6 +49,7 @@ class Result(Viewed, eqx.Module):
     status: Int[Array, ""]
     state: State
     scene: Scene | None = None
+    scalars: dict[str, Array] | None = None
 
     @property
     def word(self) -> str:
@@ -169,7 +171,8 @@ def _simulated(scene, saved, march, average, checks, options) -> Result:
     code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
     means = None if average is None else diagnostics.averages(state.window.means(), scene)
     code = jnp.where(code <= status.CLASS_REACHED, _judged(equation, rows.t, rows.diagnostics, code), code)
-    return Result(rows.t, rows.x, rows.V_m, rows.tension, rows.diagnostics, means, jnp.int32(code), state)
+    found = rows.t, rows.x, rows.V_m, rows.tension, rows.diagnostics, means, jnp.int32(code), state
+    return Result(*found, scalars=rows.scalars)
 
 
 def _judged(equation: Equation, t: Float[Array, "T"], found: dict[str, Array], code: Status) -> Status:

@@ -1,8 +1,8 @@
 r"""One time step of y' = F(t, y) that is implicit in a linear part A, frozen during the step, and explicit in F - A.
 
 An equation has the methods `freeze(t, y)`, which returns F and A together ("frozen"), `rate(t, y)` for F alone, and
-`rate_of(frozen, t)` for the F in `frozen`. The frozen part has `implicit(c)`, which factorises 1 - c A. The schemes use
-nothing else of an equation.
+`rate_of(frozen, t)` for the F in `frozen`. The frozen part has `implicit(c)`, which factorises 1 - c A. An equation
+that `is_staged` has unknowns that are wholly implicit, and solves for them in `stage`. The schemes use nothing else.
 
 [KC3] C. A. Kennedy, M. H. Carpenter, Additive Runge-Kutta schemes for convection-diffusion-reaction
       equations, Appl. Numer. Math. 44 (2003) 139-181: ARK4(3)6L[2]SA.
@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
+from ..base.arguments import refusal
 from ..numerics.arrays import Scalar
 
 
@@ -50,6 +51,9 @@ class SemiImplicitEuler(AbstractStepper):
     has_error = False
 
     def step(self, equation, frozen, t, y, h):
+        if equation.is_staged:
+            wanted = "ARK4() or ARK5() for charge that relaxes or a field averaged over its period"
+            raise refusal("stepper", self, wanted)
         increment = frozen.implicit(h).solve(jax.tree.map(lambda f: h * f, equation.rate_of(frozen, t)))
         return Step(_add(y, 1.0, increment), None)
 
@@ -91,8 +95,11 @@ class AdditiveRungeKutta(AbstractStepper):
 
         # N and L of all stages are zero until they are known. Every row of the tableau is then a complete sum, and all
         # stages use the same compiled code.
-        explicit = jax.tree.map(history, first)
-        implicit = jax.tree.map(jnp.zeros_like, explicit)
+        if equation.is_staged:
+            explicit, implicit = (jax.tree.map(history, part) for part in equation.parts(first))
+        else:
+            explicit = jax.tree.map(history, first)
+            implicit = jax.tree.map(jnp.zeros_like, explicit)
 
         # Recomputing a stage is cheaper than storing what its derivative needs.
         @jax.checkpoint
@@ -102,9 +109,12 @@ class AdditiveRungeKutta(AbstractStepper):
             r = jax.tree.map(
                 lambda N, L: h * (jnp.tensordot(a_explicit, N, 1) + jnp.tensordot(a_implicit, L, 1)), explicit, implicit
             )
-            d = solver.solve(r)
+            if equation.is_staged:
+                d, f = equation.stage(solver, t + c * h, y, r, table.gamma * h)
+            else:
+                d, f = solver.solve(r), None
             L = jax.tree.map(lambda d, r: (d - r) / (table.gamma * h), d, r)
-            f = equation.rate(t + c * h, _add(y, 1.0, d))
+            f = equation.rate(t + c * h, _add(y, 1.0, d)) if f is None else f
             explicit = jax.tree.map(lambda all_, f, L: all_.at[i].set(f - L), explicit, f, L)
             implicit = jax.tree.map(lambda all_, L: all_.at[i].set(L), implicit, L)
             return (explicit, implicit), None
