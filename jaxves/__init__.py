@@ -37,6 +37,7 @@ if os.environ.setdefault("JAX_ENABLE_X64", "1").lower() not in {"0", "false"} an
 # What users need, by the module that has it. Nothing else is promised to stay where it is.
 _PUBLIC = {
     "base": ("status",),
+    "base.compiling": ("fast_start",),
     "geometry.curve": ("Curve",),
     "geometry.shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points"),
     "physics.electric": ("Field",),

@@ -12,6 +12,9 @@ def main(arguments: list[str] | None = None) -> None:
     # Before a run begins there is nothing to keep, and interrupting the import of an extension may crash.
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, lambda signum, frame: os._exit(128 + signum))
+    from .base.compiling import use_flags
+
+    use_flags()
     from .cli.commands import answer
     from .cli.console import INTERRUPTED, TERMINATED, write_in_any_encoding
 

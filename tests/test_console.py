@@ -14,7 +14,6 @@ import platformdirs
 import pytest
 
 from jaxves.__main__ import main
-from jaxves.cli import long_runs
 
 OLD = Path(__file__).parent / "data" / "version-1-complete.h5.gz"
 QUANTITIES = {"a": 1e-5, "E": 1e5, "sigma-i": 1e-4, "sigma-e": 1e-3, "epsilon": 7e-10, "C-m": 1e-2, "kappa-B": 1e-19}
@@ -114,7 +113,7 @@ def kept(monkeypatch):
     """A function that returns the folder which JAX is told, None for none."""
 
     def kept():
-        long_runs.keep_compiled()
+        fast_start()
         return jax.config.jax_compilation_cache_dir
 
     before = jax.config.jax_compilation_cache_dir, jax.config.jax_persistent_cache_min_compile_time_secs
@@ -172,9 +171,9 @@ def test_on_a_disk_that_takes_nothing_nothing_is_kept(kept, monkeypatch, tmp_pat
 
 COMPILED = """
 import jax
-from jaxves.cli.long_runs import keep_compiled
+from jaxves import fast_start
 
-keep_compiled()
+fast_start()
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 print(jax.jit(lambda x: 2 * x)(21))
 """

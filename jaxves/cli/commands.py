@@ -11,6 +11,7 @@ import typer
 
 from .. import __version__
 from ..base import status
+from ..base.compiling import fast_start
 from ..inputs import sweep_files
 from ..inputs.scene_files import SceneError, built_in_scenes, read_scene
 from ..inputs.template import TEMPLATE
@@ -131,7 +132,7 @@ def sweep(
     if not resume and (process or 0) == 0 and not distributed:
         console.refuse_existing([out], force, "use --force to replace it or --resume to continue it")
     long_runs.use_all_cores(devices)
-    long_runs.keep_compiled()
+    fast_start()
     if distributed or coordinator:
         import jax
 
@@ -214,7 +215,7 @@ def check_grad(
         raise console.refused(error) from None
     if not (math.isfinite(t_end) and t_end > 0):
         raise console.refused(f"--t-end = {t_end}, expected a positive finite number.")
-    long_runs.keep_compiled()
+    fast_start()
     from ..analysis import gradcheck
 
     with console.err.status("running") as said:

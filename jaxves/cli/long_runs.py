@@ -4,18 +4,16 @@ Modules that import JAX are imported inside these functions, after the input has
 """
 
 import os
-import tempfile
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import platformdirs
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from ..base import status
+from ..base.compiling import fast_start
 from ..inputs.scene_files import SceneError, SceneFile
 from ..results import sweep_store
 from ..results.hdf5 import StoreError
@@ -23,8 +21,6 @@ from ..results.ownership import LostFile
 from ..results.sweep_store import SweepRecord
 from . import interrupts
 from .console import BROKE_DOWN, err, out, refused, say
-
-_ROOM = 2**20  # bytes of free space that the compilation cache needs
 
 
 def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> int:
@@ -46,7 +42,7 @@ def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> i
             found.check()
             bar.update(task, completed=t, description=text)
 
-        keep_compiled()
+        fast_start()
         from ..runs import runner
 
         try:
@@ -132,33 +128,3 @@ def _told(found: interrupts.Interrupts) -> int:
     if found.time_is_up:
         say("interrupted before the time limit of --max-time.")
     return found.exit_status
-
-
-def keep_compiled() -> None:
-    """Keeps compiled programs between runs, in a folder for each version of jaxlib, because their formats differ.
-
-    The folder is that of JAX_COMPILATION_CACHE_DIR, or `jaxves` in the user's cache folder. If neither can be written,
-    nothing is kept. There is no message, because the work does not depend on it.
-    """
-    import jax
-    import jaxlib
-
-    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
-    if jax.config.jax_compilation_cache_dir is None:
-        folder = platformdirs.user_cache_path("jaxves", appauthor=False) / f"jaxlib-{jaxlib.__version__}"
-        if _can_be_written(folder):
-            jax.config.update("jax_compilation_cache_dir", str(folder))
-            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-
-
-def _can_be_written(folder: Path) -> bool:
-    """Returns whether a folder exists or can be made, and has room; False if the user's home is not known."""
-    try:
-        if folder.is_absolute():
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=folder) as file:
-                file.write(bytes(_ROOM))
-            return True
-    except OSError:
-        pass
-    return False

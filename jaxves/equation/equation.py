@@ -226,11 +226,14 @@ class Equation(eqx.Module):
         return projection.symmetric(Unknowns(x, y.scalars, y.integrals), self.symmetry)
 
     def settled(self, y: Unknowns) -> Unknowns:
-        """Filters y, and projects it until metric and area are right to round-off."""
+        """Filters y, and projects it until metric and area are right to round-off.
+
+        The operators of the projection decide how fast it converges, not the result. Grids are therefore not refined.
+        """
 
         def once(y, _):
             needs_dlp = self.mobility.needs_dlp
-            surfaces = Surfaces.of(y.x, electric=False, contrast=needs_dlp, refinement=self.refinement)
+            surfaces = Surfaces.of(y.x, electric=False, contrast=needs_dlp, refinement=Refinement((1,)))
             constraint = self.mobility.at(surfaces).constraint(self.is_circle(), self.filter.surface)
             return self.project(y, constraint), None
 

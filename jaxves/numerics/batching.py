@@ -6,7 +6,7 @@ is valid for every batch element, this can be avoided: take it for all as soon a
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
 
 @jax.custom_batching.custom_vmap
@@ -19,6 +19,9 @@ def _(size, is_batched, value):
     return _greatest(jnp.max(value, axis=0) if is_batched[0] else value), False
 
 
-def greatest(value: Int[Array, ""]) -> Int[Array, ""]:
-    """Returns `value`; under `vmap` the largest value of all batch elements, not batched. It has no derivative."""
+def greatest(value: Int[Array, ""] | Bool[Array, ""]) -> Int[Array, ""] | Bool[Array, ""]:
+    """Returns `value`; under `vmap` the largest value of all batch elements, not batched. It has no derivative.
+
+    Of booleans it tells whether any is true.
+    """
     return _greatest(jax.lax.stop_gradient(value))

@@ -4,19 +4,21 @@ import jax
 
 from ..equation import tracking
 from ..equation.equation import Equation
-from ..equation.state import Unknowns
+from ..equation.state import Motion, Unknowns
 from ..numerics.arrays import PerVesicle, Scalar
 from ..physics import membrane
 from . import diagnostics
 from .rows import Row
 
 
-def observe(equation: Equation, t: Scalar, y: Unknowns, angle: PerVesicle, time_error: Scalar | None) -> Row:
+def observe(
+    equation: Equation, t: Scalar, y: Unknowns, motion: Motion, angle: PerVesicle, time_error: Scalar | None
+) -> Row:
     """Returns everything that is saved at one time.
 
-    `angle` (M,) are the unwrapped inclinations before, `time_error` is the sum of the embedded errors so far.
+    `motion` is `equation.motion(t, y)`. `angle` (M,) are the unwrapped inclinations before, and `time_error` is the sum
+    of the embedded errors so far.
     """
-    motion = equation.motion(t, y)
     tension = jax.vmap(membrane.physical_tension)(motion.surfaces.curves, motion.sigma, equation.scene.bending)
     found = diagnostics.diagnose(equation, t, y, motion)
     found["inclination_unwrapped"] = tracking.turned(angle, found["inclination"])

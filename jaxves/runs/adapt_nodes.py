@@ -16,6 +16,7 @@ from collections.abc import Callable
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..base import status
@@ -25,11 +26,12 @@ from ..equation.state import Unknowns
 from ..inputs.scene_tables import SceneFile
 from ..numerics import fourier
 from ..observables.rows import Row
-from ..stepping.record import advance
-from ..stepping.state import State
+from ..stepping.loop import to_save
+from ..stepping.state import Journey, State
 from .build import build
 from .case import Case
 from .problem import AUTO_NODES, Problem, awaited, problem_of, strengthened, with_nodes
+from .programs import compiled, is_long
 
 _TENSION = 1e3  # limit of the tension divided by that of x and V_m
 _NECK = 4.0  # least number of node spacings along the narrowest chord
@@ -43,16 +45,25 @@ _RESOLVABLE = frozenset({status.UNRESOLVED, status.DRIFT, status.SOLVE_FAILED, s
 }
 
 
-@eqx.filter_jit
-def _march(problem: Problem, state: State, t_save):
-    return advance(problem.equation, problem.march, state, t_save[None], problem.stops, problem.checks)
+def _march(problem: Problem, journey: Journey, t_save):
+    stops = jnp.append(problem.stops, t_save)
+    return to_save(journey, problem.equation, problem.march, t_save, stops, problem.checks)
 
 
-@eqx.filter_jit
-def _resampled(equation: Equation, y: Unknowns) -> Unknowns:
-    N = equation.scene.x.shape[1]
-    scalars = jax.tree.map(lambda scalar: fourier.resample(scalar, N, axis=1), y.scalars)
-    return equation.settled(Unknowns(fourier.resample(y.x, N, axis=1), scalars, y.integrals))
+def _interpolated(y: Unknowns, N: int) -> Unknowns:
+    x, scalars = jax.tree.map(lambda f: fourier.resample(f, N, axis=1), (y.x, y.scalars))
+    return Unknowns(x, scalars, y.integrals)
+
+
+def _settled(equation: Equation, y: Unknowns) -> Unknowns:
+    return equation.settled(_interpolated(y, equation.scene.x.shape[1]))
+
+
+def _with_nodes(problem: Problem, N: int) -> tuple[Equation, Journey]:
+    """Returns the equation with N nodes, and a journey whose state is interpolated but not projected."""
+    equation = problem.equation.with_nodes(N)
+    state = eqx.tree_at(lambda s: s.y, problem.state, _interpolated(problem.state.y, N))
+    return equation, problem.march.begin(state, equation)
 
 
 def finer_rows(f: np.ndarray, K: int) -> np.ndarray:
@@ -104,6 +115,7 @@ class Resolution:
         self._anew = anew
         self._problems = {problem.equation.scene.x.shape[1]: problem}
         self.first = problem
+        self._reached: Journey | None = None
 
     def other(self, nodes: float, tolerance: float) -> tuple["Resolution", State]:
         """Returns the same run with about `nodes` times its nodes and `tolerance` times its tolerance, and its start.
@@ -127,8 +139,8 @@ class Resolution:
     def problem(self, N: int) -> Problem:
         """Returns the problem with N nodes."""
         if N not in self._problems:
-            equation = strengthened(eqx.filter_jit(Equation.with_nodes)(self.first.equation, N))
-            self._problems[N] = eqx.tree_at(lambda p: p.equation, self.first, equation)
+            parts = strengthened(compiled(_with_nodes)(self.first, N))
+            self._problems[N] = eqx.tree_at(lambda p: (p.equation, p.journey), self.first, parts)
         return self._problems[N]
 
     def row(self, state: State, t_save: float) -> tuple[State, Row]:
@@ -136,11 +148,15 @@ class Resolution:
 
         The row is empty if the run ended before.
         """
-        problem = self.problem(state.y.x.shape[1])
-        state, row = awaited(_march(problem, state, np.asarray(t_save)))
-        row = jax.tree.map(np.asarray, row)
-        there = ~np.isnan(row.t)
-        row = jax.tree.map(lambda value: value[there], row)
+        M, N, _ = state.y.x.shape
+        problem, reached = self.problem(N), self._reached
+        # F and A at the last saved time are known, unless the run continues from another state.
+        journey = reached if reached is not None and reached.state is state else problem.at(state)
+        march = compiled(_march, quickly=not is_long(int(state.steps), M * N))
+        self._reached, row = awaited(march(problem, journey, np.asarray(t_save)))
+        state = self._reached.state
+        row = jax.tree.map(lambda value: np.asarray(value)[None], row)
+        row = row if not np.isnan(row.t[0]) else jax.tree.map(lambda value: value[:0], row)
         return state, row._replace(steps=np.full(len(row.t), int(state.steps)))
 
     def stored(self, row: Row) -> Row:
@@ -177,7 +193,7 @@ class Resolution:
         return demand(row, N) < _HYSTERESIS * self.limit and necks_hold(row, N)
 
     def _moved(self, state: State, N: int) -> State:
-        y = strengthened(_resampled(self.problem(N).equation, state.y))
+        y = strengthened(compiled(_settled)(self.problem(N).equation, state.y))
         return eqx.tree_at(lambda s: s.y, state, y)
 
 

@@ -64,8 +64,6 @@ def new(
     resolution = resolution_of(scene_file, problem)
     state, row = resolution.row(problem.state, 0.0)
     row = resolution.stored(row)
-    # The state has not changed, but the start may already exceed the limits.
-    state = eqx.tree_at(lambda s: s.status, problem.state, state.status)
     _, M, N = row.x.shape[:3]
     symmetry = problem.equation.symmetry
     writer = run_writer.Writer(

@@ -27,10 +27,11 @@ from ..physics.scene import Scene
 from ..results import run_store
 from ..stepping.loop import initial_state, stops_of
 from ..stepping.march import AbstractMarch
-from ..stepping.state import State
+from ..stepping.state import Journey, State
 from . import rest
 from .build import build
 from .case import Case
+from .programs import compiled
 
 AUTO_NODES = (64, 96, 128, 192, 256)
 _RESOLVED = 1e-6  # largest spectral tail of a resolved starting curve, for `nodes = "auto"`
@@ -45,13 +46,23 @@ class NotRelaxed(Exception):
 
 
 class Problem(eqx.Module):
-    """Everything that time stepping needs, and the state at t = 0."""
+    """Everything that time stepping needs, and the journey at t = 0."""
 
     equation: Equation
     march: AbstractMarch
     checks: Checks
     stops: Float[Array, "S"]  # instants at which steps must end
-    state: State
+    journey: Journey
+
+    @property
+    def state(self) -> State:
+        """The state at t = 0."""
+        return self.journey.state
+
+    def at(self, state: State) -> Journey:
+        """Returns a journey that begins at `state`, which has the nodes of this problem."""
+        journey = eqx.tree_at(lambda j: j.state, self.journey, state)
+        return journey if journey.cache is None else eqx.tree_at(lambda j: j.cache.known, journey, jnp.array(False))
 
 
 def starting_scene(scene_file: SceneFile) -> Scene:
@@ -60,7 +71,7 @@ def starting_scene(scene_file: SceneFile) -> Scene:
         return build(scene_file)
     finest = build(with_nodes(scene_file, AUTO_NODES[-1]))
     for N in AUTO_NODES[:-1]:
-        if is_resolved(finest.x, N):
+        if compiled(is_resolved)(finest.x, N):
             return build(with_nodes(scene_file, N))
     return finest
 
@@ -70,7 +81,6 @@ def with_nodes(scene_file: SceneFile, N: int) -> SceneFile:
     return scene_file.model_copy(update={"numerics": scene_file.numerics.model_copy(update={"nodes": N})})
 
 
-@eqx.filter_jit
 def is_resolved(x: VesiclePoints, N: int):
     """Returns whether N nodes resolve these curves, which are given with more nodes; may be traced."""
 
@@ -96,16 +106,16 @@ def problem_of(case: Case, scene: Scene) -> Problem:
     average = None if file.average is None else jnp.array(file.average)
     march = case.march()
     t_end = jnp.asarray(file.t_end, dtype=float)
-    equation, stops, state = _started(scene, march, t_end, average, case.solved_by(scene))
-    return Problem(equation, march, case.checks(), stops, state)
+    equation, stops, journey = compiled(_started)(scene, march, t_end, average, case.solved_by(scene))
+    return Problem(equation, march, case.checks(), stops, journey)
 
 
-@eqx.filter_jit
 def _started(scene: Scene, march: AbstractMarch, t_end, average, solved_by):
     solver, coupling = solved_by
     integrands = None if average is None else diagnostics.averaged
     equation = equation_for(scene, solver=solver, coupling=coupling, integrands=integrands)
-    return equation, stops_of(scene, t_end, average), initial_state(equation, march, average)
+    state = initial_state(equation, march, average)
+    return equation, stops_of(scene, t_end, average), march.begin(state, equation)
 
 
 def strengthened(tree):
@@ -138,8 +148,5 @@ def reconstructed(record: run_store.Record, t: float) -> tuple[Equation, float, 
     scene = eqx.tree_at(lambda s: s.x, scene, jnp.asarray(record.x[0]))
     row = int(np.argmin(np.abs(record.t - t)))
     solver, coupling = Case(scene_file).solved_by(scene)
-    equation = _equation(scene, solver=solver, coupling=coupling)
+    equation = compiled(equation_for)(scene, solver=solver, coupling=coupling)
     return equation, float(record.t[row]), state_at(record, row)
-
-
-_equation = eqx.filter_jit(equation_for)

@@ -8,7 +8,6 @@ agrees bit for bit with an uninterrupted one (on the same machine with the same 
 import time
 from pathlib import Path
 
-import equinox as eqx
 import numpy as np
 
 from ..base import status
@@ -25,13 +24,13 @@ from .beginning import Begun, Progress, continued, new
 from .case import Case
 from .continuation import is_done, saved_times
 from .error_estimate import estimated_error
+from .programs import compiled
 
 
 class Broken(Exception):
     """The result file can no longer be written. The rows in it are kept."""
 
 
-@eqx.filter_jit
 def _means(window: Window, scene):
     return diagnostics.averages(window.means(), scene)
 
@@ -144,4 +143,5 @@ def _averages(begun: Begun) -> dict[str, np.ndarray] | None:
     window = begun.rows.state.window
     if window is None or not window.reached[1] > window.reached[0]:
         return None
-    return {name: np.asarray(value) for name, value in _means(window, begun.resolution.first.equation.scene).items()}
+    means = compiled(_means)(window, begun.resolution.first.equation.scene)
+    return {name: np.asarray(value) for name, value in means.items()}

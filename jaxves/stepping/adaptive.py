@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
 from ..base import status
 from ..base.arguments import Bounded, refusal, require_count
@@ -23,6 +23,7 @@ from ..equation import norms
 from ..equation.equation import Equation
 from ..equation.state import Unknowns
 from ..numerics.arrays import Scalar, as_float
+from ..numerics.batching import greatest
 from .controller import Attempt, PIController
 from .march import AbstractMarch, check_stepper, chosen
 from .schemes import ARK4, AbstractStepper
@@ -86,16 +87,30 @@ class Adaptive(AbstractMarch, Bounded):
         return Journey(state, Cache(frozen, jnp.array(False)))
 
     def to(self, t_save, journey, equation, stops):
-        def unfinished(journey):
+        def is_short(journey):
             return (journey.state.status == status.RUNNING) & (journey.state.t < t_save)
 
-        return lax.while_loop(unfinished, lambda journey: self._attempt(journey, equation, stops), journey)
+        # The last turn makes no step. It only computes F and A at the end, which the saved row and the next step need.
+        # F is therefore compiled for this place and for the stages of a step, and nowhere else.
+        def turn(journey):
+            state, cache = journey.state, journey.cache
+            frozen = lax.cond(cache.known, lambda: cache.frozen, lambda: equation.freeze(state.t, state.y))
+            journey = Journey(state, Cache(frozen, jnp.array(True)), journey.tape)
+            short = is_short(journey)
+            # If a batch element needs no step, its copy of the step is dropped.
+            return lax.cond(
+                greatest(short), lambda: self._attempt(journey, equation, stops, wanted=short), lambda: journey
+            )
 
-    def _attempt(self, journey: Journey, equation: Equation, stops: Array) -> Journey:
-        """Tries one step, and accepts or rejects it."""
-        state, cache, tape = journey.state, journey.cache, journey.tape
+        return lax.while_loop(lambda journey: is_short(journey) | ~journey.cache.known, turn, journey)
+
+    def motion(self, journey, equation):
+        return journey.cache.frozen.motion
+
+    def _attempt(self, journey: Journey, equation: Equation, stops: Array, *, wanted: Bool[Array, ""]) -> Journey:
+        """Tries one step, and accepts or rejects it. If it is not `wanted`, nothing changes."""
+        state, frozen, tape = journey.state, journey.cache.frozen, journey.tape
         t, y = state.t, state.y
-        frozen = lax.cond(cache.known, lambda: cache.frozen, lambda: equation.freeze(t, y))
         attempt = Attempt.of(state, stops)
         h = attempt.t_new - t
         step = self.stepper.step(equation, frozen, t, y, h)
@@ -106,7 +121,7 @@ class Adaptive(AbstractMarch, Bounded):
         corrected = norms.displacement(y_new, equation.filtered(step.y))
         sound = jnp.isfinite(error) & jnp.isfinite(moved) & (moved < 1.0) & (corrected < 0.05)
         full = jnp.array(False) if tape is None else tape.is_full()
-        accepted = sound & (error <= 1.0) & ~full
+        accepted = sound & (error <= 1.0) & ~full & wanted
 
         after = self.accepted(state, equation, frozen, attempt.t_new, y_new, size)
         next_step = self.controller.after_accepted(h, error, state)
@@ -120,7 +135,7 @@ class Adaptive(AbstractMarch, Bounded):
         new = eqx.tree_at(lambda s: (s.h, s.status), new, (lax.stop_gradient(new.h), code))
         if tape is not None:
             tape = tape.with_step(accepted, attempt.t_new, y_new, jnp.where(attempt.at_stop, attempt.stop, -1))
-        return Journey(new, Cache(frozen, ~accepted), tape)
+        return Journey(chosen(wanted, new, state), Cache(frozen, ~accepted), tape)
 
     def weighted_error(self, equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
         """Returns the error of a step to y that is compared with the tolerance."""

@@ -10,6 +10,7 @@ from jax import lax
 from ..base import status
 from ..base.arguments import require_count
 from ..equation import norms
+from ..numerics.batching import greatest
 from .march import AbstractMarch, check_stepper, chosen
 from .schemes import ARK4, AbstractStepper
 from .state import Journey
@@ -50,7 +51,10 @@ class Fixed(AbstractEven):
         return dataclasses.replace(self, steps_per_save=math.ceil(steps))
 
     def to(self, t_save, journey, equation, stops):
-        h = (t_save - journey.state.t) / self.steps_per_save
+        room = t_save - journey.state.t
+        # At the first saved time there is nothing to do. A step of length zero would divide by it.
+        short = room > 0
+        h = jnp.where(short, room, 1.0) / self.steps_per_save
 
         # Reverse mode stores only the states and recomputes each step.
         @eqx.filter_checkpoint
@@ -59,8 +63,11 @@ class Fixed(AbstractEven):
             step = self.stepper.step(equation, frozen, state.t, state.y, h)
             error = None if step.error is None else norms.error_size(step.error)
             after = self.accepted(state, equation, frozen, state.t + h, self.finish(equation, step.y, frozen), error)
-            return chosen(state.status == status.RUNNING, after, state)
+            return chosen(short & (state.status == status.RUNNING), after, state)
 
-        state, _ = lax.scan(lambda state, _: (one(state), None), journey.state, length=self.steps_per_save)
+        def all_steps(state):
+            return lax.scan(lambda state, _: (one(state), None), state, length=self.steps_per_save)[0]
+
+        state = lax.cond(greatest(short), all_steps, lambda state: state, journey.state)
         arrived = jnp.where(state.status == status.RUNNING, t_save, state.t)
         return Journey(eqx.tree_at(lambda s: s.t, state, arrived))

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 from ..base import status
 from ..equation import tracking
 from ..equation.equation import Equation
-from ..numerics.arrays import as_float
+from ..numerics.arrays import Scalar, as_float
 from ..observables.checks import Checks
 from ..observables.observing import observe
 from ..observables.rows import Row
@@ -66,20 +66,42 @@ def march_through(
     """
     stops = jnp.concatenate([stops, times])
 
-    def to_save(journey, t_save):
-        ended = journey.state.status != status.RUNNING
-        journey = march.to(t_save, journey, equation, stops)
-        state = journey.state
-        # Reverse mode recomputes the row instead of storing all intermediate results.
-        row = eqx.filter_checkpoint(observe)(equation, state.t, state.y, state.angle, state.time_error)
-        code = checks.judge(equation, state.t, state.y, row)
-        # The status that ended the run is kept. If it is UNRESOLVED, a more severe finding replaces it.
-        found = jnp.where(state.status == status.UNRESOLVED, jnp.maximum(code, state.status), state.status)
-        code = jnp.where(state.status == status.RUNNING, code, found)
-        broken = ended | (state.t < t_save)
-        row = jax.tree.map(lambda leaf: jnp.where(broken, jnp.nan, leaf), row)
-        journey = eqx.tree_at(lambda j: j.state.status, journey, jnp.int32(code))
+    def to_next(journey, t_save):
+        journey, row = to_save(journey, equation, march, t_save, stops, checks)
         return journey, (row, None if journey.tape is None else journey.tape.count)
 
-    journey, (rows, counts) = lax.scan(to_save, journey, times)
+    journey, (rows, counts) = lax.scan(to_next, journey, times)
     return journey, rows, counts
+
+
+def to_save(
+    journey: Journey,
+    equation: Equation,
+    march: AbstractMarch,
+    t_save: Scalar,
+    stops: Float[Array, "S"],
+    checks: Checks,
+) -> tuple[Journey, Row]:
+    """Advances to one saved time; returns the journey and the row, which is NaN after the end of a run.
+
+    The row of the time at which the journey begins is always computed. `stops` are all times at which steps must end,
+    with `t_save`.
+    """
+    ended = (journey.state.status != status.RUNNING) & (journey.state.t < t_save)
+    journey = march.to(t_save, journey, equation, stops)
+    state = journey.state
+
+    # Reverse mode recomputes the row instead of storing all intermediate results.
+    @eqx.filter_checkpoint
+    def row_of(state, cache):
+        motion = march.motion(Journey(state, cache), equation)
+        return observe(equation, state.t, state.y, motion, state.angle, state.time_error)
+
+    row = row_of(state, journey.cache)
+    code = checks.judge(equation, state.t, state.y, row)
+    # The status that ended the run is kept. If it is UNRESOLVED, a more severe finding replaces it.
+    found = jnp.where(state.status == status.UNRESOLVED, jnp.maximum(code, state.status), state.status)
+    code = jnp.where(state.status == status.RUNNING, code, found)
+    broken = ended | (state.t < t_save)
+    row = jax.tree.map(lambda leaf: jnp.where(broken, jnp.nan, leaf), row)
+    return eqx.tree_at(lambda j: j.state.status, journey, jnp.int32(code)), row

@@ -11,7 +11,7 @@ from ..base.arguments import refusal
 from ..equation import norms, tracking
 from ..equation.equation import Equation
 from ..equation.implicit import Frozen
-from ..equation.state import Unknowns
+from ..equation.state import Motion, Unknowns
 from ..numerics.arrays import Scalar
 from .schemes import AbstractStepper
 from .state import Journey, State
@@ -44,6 +44,10 @@ class AbstractMarch(eqx.Module):
 
         `stops` are all times at which steps must end, with `t_save`.
         """
+
+    def motion(self, journey: Journey, equation: Equation) -> Motion:
+        """Returns all quantities at the time that `to` has reached."""
+        return equation.motion(journey.state.t, journey.state.y)
 
     @abc.abstractmethod
     def with_tolerance(self, factor: float) -> "AbstractMarch":

@@ -21,7 +21,6 @@ from ..numerics.arrays import Status, as_float
 from ..numerics.linear import AbstractSolver
 from ..observables import certificate, diagnostics
 from ..observables.checks import Checks
-from ..observables.observing import observe
 from ..operators.interactions import AbstractCoupling
 from ..physics.scene import Scene
 from ..potentials.self_refined import Refinement
@@ -158,16 +157,14 @@ def _simulated(scene, saved, march, average, checks, options) -> Result:
     integrands = None if average is None else diagnostics.averaged
     equation = equation_for(scene, integrands=integrands, **options)
     state = initial_state(equation, march, average)
-    first = observe(equation, state.t, state.y, state.angle, state.time_error)
-    code = jnp.maximum(checks.judge(equation, state.t, state.y, first), state.status)
     if isinstance(saved, tuple):
         t_end, count = saved
         times, valid = t_end * jnp.arange(1, count + 1) / count, t_end > 0
     else:
         times, t_end, valid = saved, saved[-1], jnp.all(jnp.diff(saved, prepend=0.0) > 0)
-    state = eqx.tree_at(lambda s: s.status, state, jnp.where(valid, code, status.INVALID))
+    state = eqx.tree_at(lambda s: s.status, state, jnp.where(valid, state.status, status.INVALID))
+    times = jnp.concatenate([state.t[None], times])
     state, rows = advance(equation, march, state, times, stops_of(scene, t_end, average), checks)
-    rows = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rows)
     code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
     means = None if average is None else diagnostics.averages(state.window.means(), scene)
     code = jnp.where(code <= status.CLASS_REACHED, _judged(equation, rows.t, rows.diagnostics, code), code)

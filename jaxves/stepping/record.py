@@ -73,7 +73,8 @@ def _recorded_jvp(primals, tangents):
 
     def row(equation, t, y):
         # Neither the number of turns nor the estimated error has a derivative.
-        return observe(equation, t, y, jnp.zeros_like(start.angle), start.time_error)
+        motion = equation.motion(t, y)
+        return observe(equation, t, y, motion, jnp.zeros_like(start.angle), start.time_error)
 
     d_rows = replay.of_each(row, equation, d_equation, tape, d_tape, counts)
     d_rows = jax.tree.map(lambda row, d: jnp.where(jnp.isnan(row), 0.0, d), rows, replay.filled(rows, d_rows))

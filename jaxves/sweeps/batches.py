@@ -22,6 +22,7 @@ from jax import lax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Float
 
+from ..base.compiling import FOR_LONG_RUNS
 from ..inputs.checking import SceneError
 from ..inputs.scene_tables import SceneFile
 from ..inputs.sweep_tables import SweepFile
@@ -102,7 +103,8 @@ def _compiled(program: Program, max_steps: int):
         out_specs=spec,
         check_vma=False,
     )
-    return jax.jit(spread).lower(*arguments).compile()
+    options = FOR_LONG_RUNS if program.devices[0].platform == "cpu" else None
+    return jax.jit(spread).lower(*arguments).compile(compiler_options=options)
 
 
 class Batches:

@@ -16,10 +16,9 @@ from ..observables import certificate, classes, diagnostics
 from ..observables.rows import Row
 from ..physics.scene import Scene
 from ..runs.case import Case
-from ..stepping.loop import initial_state, stops_of
+from ..stepping.loop import initial_state, stops_of, to_save
 from ..stepping.march import AbstractMarch
-from ..stepping.record import advance
-from ..stepping.state import State
+from ..stepping.state import Journey
 
 # Diagnostics of which the minimum and the maximum over all saved times are kept.
 EXTREMES = (
@@ -98,29 +97,32 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
     state = eqx.tree_at(lambda s: s.status, state, jnp.where(code == status.RUNNING, state.status, code))
     times = scene_file.t_end * jnp.arange(scene_file.saves + 1) / scene_file.saves
 
-    def march_to(state: State, t_save: Array):
-        state, rows = advance(equation, march, state, t_save[None], stops, checks)
-        return state, jax.tree.map(lambda leaf: leaf[0], rows)
+    journey = march.begin(state, equation)
+
+    def march_to(journey: Journey, t_save: Array):
+        return to_save(journey, equation, march, t_save, jnp.append(stops, t_save), checks)
 
     nothing = jax.tree.map(
-        lambda leaf: jnp.full(leaf.shape, jnp.nan, leaf.dtype), eqx.filter_eval_shape(march_to, state, times[0])[1]
+        lambda leaf: jnp.full(leaf.shape, jnp.nan, leaf.dtype), eqx.filter_eval_shape(march_to, journey, times[0])[1]
     )
 
-    def to_save(carry, at):
-        state, seen = carry
+    def to_next(carry, at):
+        journey, seen = carry
         k, t_save = at
         # A run that has ended costs nothing more, unless this is batched.
-        running = state.status == status.RUNNING
-        state, row = lax.cond(running, march_to, lambda state, _: (state, nothing), state, t_save)
+        running = journey.state.status == status.RUNNING
+        journey, row = lax.cond(running, march_to, lambda journey, _: (journey, nothing), journey, t_save)
         seen = seen.with_row(k, row, ~jnp.isnan(row.t), equation.kept())
         if wanted is not None:
-            reached = (state.status == status.RUNNING) & seen.has_class(wanted)
-            state = eqx.tree_at(lambda s: s.status, state, jnp.where(reached, status.CLASS_REACHED, state.status))
-        return (state, seen), _kept(keep, row)
+            reached = (journey.state.status == status.RUNNING) & seen.has_class(wanted)
+            code = jnp.where(reached, status.CLASS_REACHED, journey.state.status)
+            journey = eqx.tree_at(lambda j: j.state.status, journey, code)
+        return (journey, seen), _kept(keep, row)
 
-    start = state, _Seen.nothing(nothing, len(times), equation.kept())
-    (state, seen), history = lax.scan(to_save, start, (jnp.arange(len(times)), times))
+    start = journey, _Seen.nothing(nothing, len(times), equation.kept())
+    (journey, seen), history = lax.scan(to_next, start, (jnp.arange(len(times)), times))
 
+    state = journey.state
     code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
     inaccurate = (code <= status.CLASS_REACHED) & certificate.is_inaccurate(seen.worst, jnp)
     out = {
@@ -132,11 +134,9 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
     if seen.deformation is not None:
         out["class"] = classes.classify(seen.deformation)
     out |= {f"{name}_final": value for name, value in seen.final.items()}
-    if average is not None:
-        means = diagnostics.averages(state.window.means(), scene)
-        out |= {f"{name}_average": value for name, value in means.items()}
-    out |= {f"{name}_min": value for name, value in seen.least.items()}
-    out |= {f"{name}_max": value for name, value in seen.greatest.items()}
+    means = {} if average is None else diagnostics.averages(state.window.means(), scene)
+    kinds = {"average": means, "min": seen.least, "max": seen.greatest}
+    out |= {f"{name}_{kind}": value for kind, found in kinds.items() for name, value in found.items()}
     return out | {f"history/{name}": value for name, value in history.items()}
 
 
