@@ -14,6 +14,7 @@ import platformdirs
 import pytest
 
 from jaxves.__main__ import main
+from jaxves.base.compiling import fast_start
 
 OLD = Path(__file__).parent / "data" / "version-1-complete.h5.gz"
 QUANTITIES = {"a": 1e-5, "E": 1e5, "sigma-i": 1e-4, "sigma-e": 1e-3, "epsilon": 7e-10, "C-m": 1e-2, "kappa-B": 1e-19}
