@@ -41,7 +41,7 @@ _PUBLIC = {
     "geometry.curve": ("Curve",),
     "geometry.shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points"),
     "physics.electric": ("Field",),
-    "physics.flow": ("Extension", "LinearFlow", "Shear"),
+    "physics.flow": ("Extension", "LinearFlow", "Poiseuille", "Shear", "TimeDependent"),
     "physics.scene": ("Scene", "dc_field", "make_scene"),
     "physics.units": ("LabQuantities",),
     "physics.waveform": ("PiecewiseLinear", "Pulse", "Sine"),

@@ -49,6 +49,7 @@ PYTHON = {
     "field.time.phase": lambda v: jaxves.Sine(1.0, phase=v),
     "fluid.viscosity_ratio": lambda v: jaxves.make_scene(E, viscosity_ratio=v),
     "flow.capillary_number": lambda v: jaxves.Shear(v),
+    "flow.half_width": lambda v: jaxves.Poiseuille(1.0, v),
 }
 ONLY_FILES = {"pair.separation", "pair.offset_angle"}  # Python gives the centers of the two vesicles
 
@@ -69,6 +70,8 @@ def scene_file(number, value, of_vesicle=False):
         tables["fluid"] = {number.key: value}
     if number.table == "flow":
         tables["flow"] = {"kind": "shear", number.key: value}
+        if number.key == "half_width":
+            tables["flow"] |= {"kind": "poiseuille", "capillary_number": 1.0}
     return parse(tables)
 
 
@@ -124,6 +127,7 @@ PLACE = {
     "PointsVesicle": "vesicle", "PairTable": "pair", "FieldTable": "field", "TimeTable": "field.time",
     "ConstantTime": "field.time", "PulseTime": "field.time", "SineTime": "field.time", "TabulatedTime": "field.time",
     "FluidTable": "fluid", "FlowTable": "flow", "ShearFlow": "flow", "ExtensionFlow": "flow", "LinearFlow": "flow",
+    "PoiseuilleFlow": "flow",
 }  # fmt: skip
 NOT_PHYSICAL = {"SceneFile", "NumericsTable", "StopTable"}
 # Vectors, lists, words and tables.

@@ -141,6 +141,11 @@ CAPILLARY_NUMBER = Number(
     "flow", "capillary_number", bounds.NONZERO, "shear rate · t_κ", letter="Ca", symbol=r"$\mathit{Ca}$", example=10.0
 )
 
+HALF_WIDTH = Number(
+    "flow", "half_width", bounds.POSITIVE, "distance of the plates from the axis of Poiseuille flow",
+    symbol="half width", unit="a", default=5.0,
+)  # fmt: skip
+
 NUMBERS = tuple(value for value in list(globals().values()) if isinstance(value, Number))
 # Numbers of [field] that a vesicle may have of its own.
 PER_VESICLE = tuple(number for number in NUMBERS if number.per_vesicle is not None and number.table == "field")
@@ -153,6 +158,7 @@ def declared(name: str) -> Number | None:
     table.
     """
     table, _, key = re.sub(r"^vesicle\[\d+\]", "vesicle", name).rpartition(".")
+    table = "field.time" if table == "flow.time" else table  # both have the same keys
     for number in NUMBERS:
         if number.key == key and (number.table == table or (table == "vesicle" and number.per_vesicle is not None)):
             return number

@@ -276,13 +276,15 @@ def equation_for(
         solver: solver for the charge of one membrane; the default depends on the number of nodes.
         coupling: interactions of several membranes; the default depends on their size.
         refinement: finer grids where a membrane comes close to itself; up to 8 times finer by default.
-        keep_symmetry: whether a single vesicle that starts symmetric is kept symmetric.
+        keep_symmetry: whether a single vesicle that starts symmetric is kept symmetric. A flow that is not linear in
+            position may end the symmetry, and nothing is then kept.
         integrands: integrands of running integrals, a function (Motion, Scene, t) -> dict.
     """
     curves = jax.vmap(Curve.from_nodes)(scene.x)
     M, N, _ = scene.x.shape
     if M == 1 or coupling is None:
         coupling = coupling_for(M, N)
+    is_symmetric = scene.flow is None or scene.flow.is_linear()
     filter = Filter.for_nodes(N) if filter is None else filter
     solver = linear.for_second_kind(N) if solver is None else solver
     return Equation(
@@ -293,7 +295,7 @@ def equation_for(
         electrics_for(scene, solver, filter.surface),
         EqualViscosities() if scene.viscosity_ratio is None else ViscosityContrast(scene.viscosity_ratio),
         coupling,
-        Symmetry.of(scene) if M == 1 and keep_symmetry else None,
+        Symmetry.of(scene) if M == 1 and keep_symmetry and is_symmetric else None,
         Refinement() if refinement is None else refinement,
         Free(),
         integrands,

@@ -53,13 +53,13 @@ class PairTable(Table):
 
 
 class TimeTable(Table):
-    """The time dependence of the field: a factor on its strength."""
+    """The time dependence of the field or the flow: a factor on its strength."""
 
     told_apart_by: ClassVar[str] = "kind"
 
 
 class ConstantTime(TimeTable):
-    """The field is constant."""
+    """The field or the flow is constant."""
 
     kind: Literal["constant"] = "constant"
 
@@ -117,9 +117,11 @@ class FluidTable(Table):
 
 
 class FlowTable(Table):
-    """An imposed flow, linear in position."""
+    """An imposed flow, and the factor of time that it has."""
 
     told_apart_by: ClassVar[str] = "kind"
+
+    time: choice(ConstantTime, PulseTime, SineTime, TabulatedTime) | None = None
 
 
 class ShearFlow(FlowTable):
@@ -141,6 +143,14 @@ class LinearFlow(FlowTable):
 
     kind: Literal["linear"] = "linear"
     gradient: Gradient = None
+
+
+class PoiseuilleFlow(FlowTable):
+    """v = Ca (1 - (y/half_width)², 0)."""
+
+    kind: Literal["poiseuille"] = "poiseuille"
+    capillary_number: key(physical_numbers.CAPILLARY_NUMBER)
+    half_width: key(physical_numbers.HALF_WIDTH)
 
 
 class StopTable(Table):
@@ -216,7 +226,7 @@ class SceneFile(Table):
     pair: PairTable | None = None
     fluid: FluidTable | None = None
     field: FieldTable | None = None
-    flow: choice(ShearFlow, ExtensionFlow, LinearFlow) | None = None
+    flow: choice(ShearFlow, ExtensionFlow, LinearFlow, PoiseuilleFlow) | None = None
     stop: StopTable | None = None
     numerics: NumericsTable = NumericsTable()
 

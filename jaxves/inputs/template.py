@@ -57,8 +57,10 @@ direction = [0.0, 1.0]
 ## {field.time.phase}
 
 # [flow]
-# kind = "shear"             # v = Ca (y, 0); "extension": Ca (x, -y); "linear" with gradient = [[0, 1], [0, 0]]
+# kind = "shear"             # v = Ca (y, 0); "extension": Ca (x, -y); "linear" with gradient = [[0, 1], [0, 0]];
+                             # "poiseuille": Ca (1 - (y/half_width)², 0). [flow.time] has the keys of [field.time]
 # {flow.capillary_number}
+## {flow.half_width}
 
 # [stop]                     # ends the run early,
 # steady = 1e-6              # if no shape changes faster than this,

@@ -64,6 +64,5 @@ def averages(means: dict[str, Array], scene: Scene) -> dict[str, Array]:
     out = {name: means[name] for name in ("stress", "tank_treading_speed", "deformation")}
     director = means["director"]
     out["inclination"] = 0.5 * jnp.arctan2(director[..., 1], director[..., 0])
-    if scene.flow is not None:
-        out["effective_viscosity"] = scene.flow.effective_viscosity(means["stress"])
-    return out
+    viscosity = None if scene.flow is None else scene.flow.effective_viscosity(means["stress"])
+    return out if viscosity is None else out | {"effective_viscosity": viscosity}

@@ -30,11 +30,11 @@ def stress(motion: Motion, scene: Scene) -> Array:
 
 @gives("stress", "effective_viscosity")
 def of_stress(instant: Instant, found) -> dict[str, Array]:
-    """Particle stress, and in a flow the intrinsic viscosity."""
+    """Particle stress, and the intrinsic viscosity in a flow that defines one."""
     out = {"stress": stress(instant.motion, instant.scene)}
-    if instant.scene.flow is not None:
-        out["effective_viscosity"] = instant.scene.flow.effective_viscosity(out["stress"])
-    return out
+    flow = instant.scene.flow
+    viscosity = None if flow is None else flow.effective_viscosity(out["stress"])
+    return out if viscosity is None else out | {"effective_viscosity": viscosity}
 
 
 @gives(
@@ -77,8 +77,8 @@ def of_powers(instant: Instant, found) -> dict[str, Array]:
         out["power_flow"] = -jnp.sum(weights * motion.f_hd * imposed)
         if scene.viscosity_ratio is not None:
             # The viscosity that the inner fluid has in excess resists the imposed rate of strain by this force.
-            gradient = scene.flow.gradient(t)
-            excess = (scene.viscosity_ratio - 1)[:, None, None] * (curves.normal @ (gradient + gradient.T))
+            traction = scene.flow.traction(y.x, curves.normal, t)
+            excess = (scene.viscosity_ratio - 1)[:, None, None] * traction
             resistance = jnp.sum(weights * excess * disturbance)
             out["power_flow"] = out["power_flow"] - resistance
     if scene.field is not None:

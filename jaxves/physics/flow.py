@@ -1,33 +1,73 @@
-"""Imposed flows v_∞(x, t), which are linear in position. Their strength is the capillary number Ca."""
+"""Imposed flows v_∞(x, t): linear in position, Poiseuille, any function of your own, and a time dependence of each.
+
+The strength of a flow is the capillary number Ca. A flow must be divergence-free.
+"""
 
 import abc
-from typing import ClassVar
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.arguments import Bounded, is_known, refusal, require
 from ..base.bounds import FINITE
-from ..base.physical_numbers import CAPILLARY_NUMBER
+from ..base.physical_numbers import CAPILLARY_NUMBER, HALF_WIDTH
 from ..numerics.arrays import Scalar, VesiclePoints, as_float
+from .waveform import AbstractHistory
 
 
 class AbstractFlow(Bounded):
-    """v_∞ = ∇v·x. The gradient may depend on time."""
+    """An imposed flow."""
+
+    @abc.abstractmethod
+    def velocity(self, x: VesiclePoints, t: Scalar) -> VesiclePoints:
+        """Returns v_∞ at the points x, (..., 2)."""
+
+    @abc.abstractmethod
+    def traction(self, x: VesiclePoints, normal: VesiclePoints, t: Scalar) -> VesiclePoints:
+        """Returns (-p + ∇v + ∇vᵀ)·n of the imposed flow, for unit viscosity.
+
+        Raises:
+            ValueError: the pressure of the flow is not known.
+        """
+
+    def is_linear(self) -> bool:
+        """Returns whether v_∞ is linear in position, so that it is symmetric about every point that moves with it."""
+        return False
+
+    def breakpoints(self) -> Float[Array, "B"]:
+        """Returns the times at which the flow is not smooth, in order. Time steps end there."""
+        return jnp.zeros(0)
+
+    def effective_viscosity(self, stress: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch"] | None:
+        """Returns the intrinsic viscosity [μ] from the particle stress tensor (`observables/diagnostics.py`).
+
+        It is None for a flow in which [μ] is not defined: without one constant rate of strain. Results then do not have
+        this quantity.
+        """
+        return None
+
+
+class AbstractLinearFlow(AbstractFlow):
+    """v_∞ = ∇v·x."""
 
     @abc.abstractmethod
     def gradient(self, t: Scalar) -> Float[Array, "2 2"]:
         """Returns ∂v_a/∂x_b at time t."""
 
-    def velocity(self, x: VesiclePoints, t: Scalar) -> VesiclePoints:
-        """Returns v_∞ at the points x, (..., 2)."""
+    def velocity(self, x, t):
         return jnp.einsum("ab,...b->...a", self.gradient(t), x)
 
-    @abc.abstractmethod
-    def effective_viscosity(self, stress: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch"]:
-        """Returns the intrinsic viscosity [μ] from the particle stress tensor (`observables/diagnostics.py`)."""
+    def traction(self, x, normal, t):
+        gradient = self.gradient(t)
+        return normal @ (gradient + gradient.T)
+
+    def is_linear(self):
+        return True
 
 
 class _OfStrength(AbstractFlow):
@@ -49,7 +89,7 @@ class _OfStrength(AbstractFlow):
             raise refusal(f"{type(self).__name__}.capillary_number", self.capillary_number, wanted)
 
 
-class Shear(_OfStrength):
+class Shear(_OfStrength, AbstractLinearFlow):
     """v = Ca (y, 0)."""
 
     def gradient(self, t):
@@ -60,7 +100,7 @@ class Shear(_OfStrength):
         return stress[..., 0, 1] / self.capillary_number
 
 
-class Extension(_OfStrength):
+class Extension(_OfStrength, AbstractLinearFlow):
     """v = Ca (x, -y)."""
 
     def gradient(self, t):
@@ -75,7 +115,7 @@ def _is_trace_free(gradient: Float[np.ndarray, "2 2"]) -> bool:
     return bool(np.abs(np.trace(gradient)) <= 1e-12 * np.max(np.abs(gradient)))
 
 
-class LinearFlow(AbstractFlow):
+class LinearFlow(AbstractLinearFlow):
     """v = ∇v·x with any trace-free gradient, (2, 2).
 
     Raises:
@@ -101,3 +141,109 @@ class LinearFlow(AbstractFlow):
         """Returns [μ] = Σ:D / 2D:D with the rate of strain D; NaN for a pure rotation, for which D = 0."""
         strain = 0.5 * (self.velocity_gradient + self.velocity_gradient.T)
         return jnp.einsum("...ab,ab->...", stress, strain) / (2 * jnp.sum(strain**2))
+
+
+class Poiseuille(_OfStrength):
+    """v = Ca (1 - (y/w)², 0), the flow between plates at y = ±w, which are not walls here.
+
+    The pressure is -2 Ca x/w². Ca is the speed on the axis in a/t_κ. The rate of strain varies in space, so [μ] is not
+    defined.
+    """
+
+    bounds: ClassVar = {"capillary_number": CAPILLARY_NUMBER.bounds, HALF_WIDTH.key: HALF_WIDTH.bounds}
+
+    half_width: Scalar = eqx.field(converter=as_float, default=HALF_WIDTH.default)
+
+    def velocity(self, x, t):
+        profile = self.capillary_number * (1 - (x[..., 1] / self.half_width) ** 2)
+        return jnp.stack([profile, jnp.zeros_like(profile)], axis=-1)
+
+    def traction(self, x, normal, t):
+        # -p + ∇v + ∇vᵀ has the diagonal 2 Ca x/w² and the off-diagonal entry -2 Ca y/w².
+        slope = 2 * self.capillary_number / self.half_width**2
+        along, across = slope * x[..., 0, None] * normal, -slope * x[..., 1, None] * normal[..., ::-1]
+        return along + across
+
+
+class FlowFunction(AbstractFlow):
+    """A flow of your own: a function v(x, t) in JAX from one point (2,) and the time to the velocity (2,).
+
+    `make_scene(flow=v)` makes it from a function. Arrays in a function that is an `equinox.Module` can be traced,
+    differentiated and batched. A plain function must be the same object in later calls, or JAX compiles again.
+
+    Raises:
+        ValueError: the function does not return two numbers, or it has a divergence at one of a few points.
+    """
+
+    bounds: ClassVar = {}
+
+    arrays: Any
+    rest: Any = eqx.field(static=True)
+
+    def __init__(self, function: Callable[[Array, Array], Array]):
+        self.arrays, self.rest = eqx.partition(function, eqx.is_array)
+
+    def __check_init__(self):
+        if is_known(self.arrays):
+            _check_flow(self.function)
+
+    @property
+    def function(self) -> Callable[[Array, Array], Array]:
+        """The function v(x, t) of one point."""
+        return eqx.combine(self.arrays, self.rest)
+
+    def velocity(self, x, t):
+        points = jnp.reshape(x, (-1, 2))
+        return jnp.reshape(jax.vmap(self.function, in_axes=(0, None))(points, t), x.shape)
+
+    def traction(self, x, normal, t):
+        raise refusal("flow", "a function of your own", "a flow whose pressure is known where viscosities differ")
+
+
+def _check_flow(function) -> None:
+    points = jnp.array([[0.3, 0.2], [-1.1, 0.7], [0.6, -1.3], [-0.4, -0.9]])
+    for t in (0.0, 0.37):
+        try:
+            gradient = jax.vmap(jax.jacfwd(function), in_axes=(0, None))(points, jnp.asarray(t))
+        except (TypeError, IndexError) as error:
+            raise refusal("flow", error, "a function v(x, t) in JAX of one point (2,)") from None
+        if gradient.shape != (4, 2, 2):
+            raise refusal("flow", f"a function with values {gradient.shape[1:-1]}", "the velocity of one point, (2,)")
+        divergence = np.abs(np.asarray(jnp.trace(gradient, axis1=1, axis2=2)))
+        worst = int(np.argmax(divergence))
+        if not np.all(divergence <= 1e-8 * (1 + np.abs(np.asarray(gradient)).max())):
+            where = f"divergence {divergence[worst]:.3g} at x = {points[worst].tolist()}, t = {t}"
+            raise refusal("flow", where, "a divergence-free flow, as the fluid is incompressible")
+
+
+class TimeDependent(AbstractFlow):
+    """A flow times a factor of time, such as `TimeDependent(Shear(10.0), Sine(5.0))` for oscillating shear.
+
+    `Pulse` starts and ends a flow, `PiecewiseLinear` starts or reverses it. [μ] is not defined.
+    """
+
+    bounds: ClassVar = {}
+
+    flow: AbstractFlow
+    history: AbstractHistory
+
+    def __check_init__(self):
+        if not isinstance(self.flow, AbstractFlow):
+            raise refusal("TimeDependent.flow", self.flow, "a flow, such as Shear(10.0)")
+        if not isinstance(self.history, AbstractHistory):
+            raise refusal("TimeDependent.history", self.history, "a factor of time, such as Sine(5.0)")
+
+    def is_within_bounds(self):
+        return self.flow.is_within_bounds() & self.history.is_within_bounds()
+
+    def velocity(self, x, t):
+        return self.history(t) * self.flow.velocity(x, t)
+
+    def traction(self, x, normal, t):
+        return self.history(t) * self.flow.traction(x, normal, t)
+
+    def is_linear(self):
+        return self.flow.is_linear()
+
+    def breakpoints(self):
+        return self.history.breakpoints()

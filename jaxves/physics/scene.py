@@ -4,7 +4,7 @@ Physical numbers are arrays, which can be traced, differentiated and batched. A 
 it is then not compiled and costs nothing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import equinox as eqx
@@ -26,7 +26,7 @@ from ..geometry import shapes as curves
 from ..geometry import starts
 from ..numerics.arrays import PerVesicle, VesiclePoints, as_float, require_x64
 from .electric import Field
-from .flow import AbstractFlow
+from .flow import AbstractFlow, FlowFunction
 
 _FLOW = "a flow, such as Shear(10.0)"
 
@@ -112,7 +112,7 @@ def make_scene(
     bending=BENDING.default,
     viscosity_ratio=None,
     field: Field | None = None,
-    flow: AbstractFlow | None = None,
+    flow: AbstractFlow | Callable[[Array, Array], Array] | None = None,
 ) -> Scene:
     """Builds a scene from one or more curves.
 
@@ -127,7 +127,8 @@ def make_scene(
         bending: κ_B relative to the reference, one number or (M,).
         viscosity_ratio: ν, the viscosity inside over that outside, one number or (M,). With None both are equal.
         field: see `dc_field`.
-        flow: `Shear`, `Extension` or `LinearFlow`.
+        flow: `Shear`, `Extension`, `LinearFlow`, `Poiseuille`, one of them as `TimeDependent`, or a function v(x, t) in
+            JAX of one point (2,).
 
     Raises:
         ValueError: the shapes of the arguments do not fit together; a known number is out of its bounds; or a curve has
@@ -147,6 +148,8 @@ def make_scene(
         viscosity_ratio = _for_each("viscosity_ratio", viscosity_ratio, M)
     if isinstance(field, Field) and field.conductivity_ratio.shape == (1,):
         field = field.for_vesicles(M)
+    if callable(flow) and not isinstance(flow, AbstractFlow):
+        flow = FlowFunction(flow)
     return Scene(as_float(x), bending, field, flow, viscosity_ratio=viscosity_ratio)
 
 

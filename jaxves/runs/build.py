@@ -21,6 +21,7 @@ from ..inputs.scene_tables import (
     FlowTable,
     FluidTable,
     LinearFlow,
+    PoiseuilleFlow,
     PulseTime,
     SceneFile,
     ShearFlow,
@@ -126,6 +127,12 @@ def _history(table: TimeTable | None) -> waveform.AbstractHistory | None:
 
 
 def _flow(table: FlowTable | None) -> flow.AbstractFlow | None:
+    history = None if table is None else _history(table.time)
+    steady = _steady_flow(table)
+    return steady if history is None else flow.TimeDependent(steady, history)
+
+
+def _steady_flow(table: FlowTable | None) -> flow.AbstractFlow | None:
     match table:
         case ShearFlow():
             return flow.Shear(table.capillary_number)
@@ -133,4 +140,6 @@ def _flow(table: FlowTable | None) -> flow.AbstractFlow | None:
             return flow.Extension(table.capillary_number)
         case LinearFlow():
             return flow.LinearFlow(table.gradient)
+        case PoiseuilleFlow():
+            return flow.Poiseuille(table.capillary_number, table.half_width)
     return None

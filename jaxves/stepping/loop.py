@@ -42,10 +42,12 @@ def initial_state(equation: Equation, march: AbstractMarch, average: Array | Non
 
 
 def stops_of(scene: Scene, t_end, average=None) -> Float[Array, "S"]:
-    """Returns the times at which steps must end: kinks of the field, ends of the averaging window, and `t_end`."""
+    """Returns the times at which steps must end: kinks of field and flow, ends of the averaging window, and `t_end`."""
     stops = [jnp.reshape(as_float(t_end), (1,))]
     if scene.field is not None and scene.field.history is not None:
         stops.append(scene.field.history.breakpoints())
+    if scene.flow is not None and scene.flow.breakpoints().size:
+        stops.append(scene.flow.breakpoints())
     if average is not None:
         stops.append(as_float(average))
     return jnp.concatenate(stops)
