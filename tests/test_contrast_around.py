@@ -1,4 +1,4 @@
-"""The Stokes double layer away from its curve, and the velocity and pressure around a vesicle with another viscosity."""
+"""The Stokes double layer away from its curve, and velocity and pressure around a vesicle with another viscosity."""
 
 import jax
 import jax.numpy as jnp

@@ -90,7 +90,6 @@ WRONG = {
     "viscosity ratios of two for one": (
         lambda: jaxves.make_scene(E, viscosity_ratio=[1.0, 2.0]), r"viscosity_ratio .*\(1,\).*\(2,\)",
     ),
-    "a viscosity ratio of two vesicles": (lambda: pair(viscosity_ratio=2.0), "viscosity_ratio.*more than one vesicle"),
     "Scene with V_m but no field": (lambda: jaxves.Scene(E[None], [1.0], V_m=jnp.zeros((1, 64))), "Scene.V_m"),
     "Scene with V_m of another size": (
         lambda: jaxves.Scene(E[None], [1.0], field(), V_m=jnp.zeros((1, 32))), "Scene.V_m .*1, 64.*1, 32",

@@ -30,10 +30,6 @@ OF_VESICLE = {
     "an unknown key": ("colour = 3.0", r"vesicle\[0\].colour"),
     "conductivity without a field": ("conductivity_ratio = 0.1", r"vesicle\[0\].conductivity_ratio = 0.1.*\[field\]"),
     "a viscosity ratio of zero": ("viscosity_ratio = 0", r"vesicle\[0\].viscosity_ratio = 0"),
-    "a viscosity ratio of a pair": (
-        "viscosity_ratio = 2.0\n[pair]\nseparation = 3.0",
-        r"vesicle\[0\].viscosity_ratio = 2.0.*more than one vesicle",
-    ),
     "chi without a field": ("chi = 0.1", r"vesicle\[0\].chi = 0.1.*\[field\]"),
     "a circle with an area": ('shape = "circle"', r"vesicle\[0\].reduced_area"),
     "points without any": ('shape = "points"', r"vesicle\[0\]"),

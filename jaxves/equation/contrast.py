@@ -12,6 +12,15 @@ solves for another velocity z, with the projection P on the rigid motions and m 
 
 This is the same equation, because D is -½ on rigid motions and the flux of every solution is zero. γ is between -2 and
 2, and the eigenvalues of D° are between -½ and ½. No ν multiplies the errors of the quadrature or round-off.
+
+With several membranes, the double layers of the others, D_j[(1 - ν_j) (v - P v)_j], are added to the right-hand side.
+Each membrane then moves, with its own tension, in the flow that the others cause:
+
+    c = C(v, σ),   (v, σ) = own(v_∞ + S[f] + c)
+
+`own` is the motion of every membrane alone, and C the velocity that its motion and its tension cause at the others.
+This is one linear system for c, with all velocities and tensions, which GMRES solves. It is preconditioned by the
+factors of every membrane, which `own` contains.
 """
 
 import jax
@@ -19,12 +28,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..geometry.curve import Curve
-from ..numerics import linear
-from ..numerics.arrays import PerVesicle, Scalar, VesiclePoints
+from ..numerics import fourier, linear
+from ..numerics.arrays import PerVesicle, Scalar, VesicleNodes, VesiclePoints
 from ..operators.surfaces import Surfaces
+from ..physics import membrane
 from ..potentials.self_stokes import StokesBlocks
 from ..potentials.self_stokes_dlp import RigidPart, deflated_dlp
-from .mobility import AbstractInside, AbstractMobility, AbstractResponse, own_spread
+from .inextensible import Constraint
+from .mobility import AbstractInside, AbstractMobility, AbstractResponse, Moved, own_spread
 
 
 class ViscosityContrast(AbstractMobility):
@@ -68,8 +79,7 @@ class ContrastResponse(AbstractResponse):
     inside: Inside
 
     def velocity(self, force: VesiclePoints, imposed: VesiclePoints | None = None) -> VesiclePoints:
-        b = self._given(force, imposed)
-        return _points(jax.vmap(lambda inside, b: inside.solve_columns(b[:, None])[:, 0])(self.inside, b))
+        return self._together(None, self._given(force, imposed), 1)[0]
 
     def spread(self) -> Float[Array, "M 2 N N"]:
         surfaces = self.surfaces
@@ -80,13 +90,63 @@ class ContrastResponse(AbstractResponse):
 
         return jax.vmap(of_one)(surfaces.curves, surfaces.stokes_slp, surfaces.laplace_slp, self.inside)
 
-    def _given(self, force: VesiclePoints, imposed: VesiclePoints | None) -> Float[Array, "M n"]:
-        """Returns v_∞ + S[f], ordered by component, node."""
+    def moved(self, force, imposed, is_circle, *, cut, direct) -> Moved:
+        if self.surfaces.interactions is None:
+            return super().moved(force, imposed, is_circle, cut=cut, direct=direct)
+        constraint = self.constraint(is_circle, cut)
+        velocity, sigma, solution = self._together(constraint, self._given(force, imposed), cut)
+        f_tension = jax.vmap(membrane.linear_tension_force)(self.surfaces.curves, sigma)
+        return Moved(velocity, sigma, f_tension, constraint, [solution])
+
+    def _given(self, force: VesiclePoints, imposed: VesiclePoints | None) -> VesiclePoints:
+        """Returns v_∞ + S[f]."""
         velocity = self.surfaces.stokes(force)
-        velocity = velocity if imposed is None else velocity + imposed
-        return jnp.swapaxes(velocity, 1, 2).reshape(force.shape[0], -1)
+        return velocity if imposed is None else velocity + imposed
 
+    def _together(self, constraint: Constraint | None, given: VesiclePoints, cut: int):
+        """Returns the velocities, the tensions and the linear solution for `given`; without a constraint σ is zero."""
 
-def _points(v: Float[Array, "M n"]) -> VesiclePoints:
-    """Returns velocities as (M, N, 2), from the order component, node."""
-    return jnp.swapaxes(v.reshape(v.shape[0], 2, -1), 1, 2)
+        def own(given):
+            return self._alone(constraint, given, cut)
+
+        if self.surfaces.interactions is None:
+            return *own(given), None
+
+        def action(c):
+            return c - self._at_others(*own(c.reshape(given.shape))).reshape(-1)
+
+        operator = linear.LinearOperator(action=action)
+        solution = linear.GMRES().factor(operator).solve(self._at_others(*own(given)).reshape(-1))
+        return *own(given + solution.value.reshape(given.shape)), solution
+
+    def _alone(
+        self, constraint: Constraint | None, given: VesiclePoints, cut: int
+    ) -> tuple[VesiclePoints, VesicleNodes]:
+        """Returns velocity and tension of every membrane without the others, where S[f] and the flow give `given`."""
+
+        def of_one(inside, given):
+            v = inside.solve_columns(given.T.reshape(-1, 1))[:, 0]
+            return jnp.stack(jnp.split(v, 2), axis=-1)
+
+        velocity = jax.vmap(of_one)(self.inside, given)
+        if constraint is None:
+            return velocity, jnp.zeros(velocity.shape[:2])
+
+        def held(curve, velocity, tension, spread):
+            stretch = fourier.low_pass(curve.speed * membrane.stretch_rate(curve, velocity), cut)
+            sigma = tension.solve_columns(stretch[:, None])[:, 0]
+            return velocity + jnp.einsum("aij,j->ia", spread, sigma), sigma
+
+        return jax.vmap(held)(self.surfaces.curves, velocity, constraint.tension, constraint.spread)
+
+    def _at_others(self, velocity: VesiclePoints, sigma: VesicleNodes) -> VesiclePoints:
+        """Returns the velocity that moving membranes with these tensions cause at the nodes of the others."""
+        surfaces = self.surfaces
+
+        def density(inside, v):
+            v = v.T.reshape(-1, 1)
+            u = 2 * (1 - inside.slowing) * (v - inside.rigid(v))[:, 0]
+            return jnp.stack(jnp.split(u, 2), axis=-1)
+
+        force = jax.vmap(membrane.linear_tension_force)(surfaces.curves, sigma)
+        return surfaces.double_layers(jax.vmap(density)(self.inside, velocity)) + surfaces.interactions.stokes(force)

@@ -189,7 +189,8 @@ class Equation(eqx.Module):
         parts = surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint, inside
         blocks = jax.vmap(block)(*parts)
         A_all = None
-        if self.coupling is not None and self.coupling.together:
+        # With two viscosities the interactions are not part of A: one matrix for all shapes would need D of all pairs.
+        if self.coupling is not None and self.coupling.together and inside is None:
             A_all = self._all_shapes(motion, constraint)
         A_scalars = None if self.electrics is None else self.electrics.linear_part(surfaces, charge)
         return Frozen(motion, constraint, blocks, A_all, A_scalars)

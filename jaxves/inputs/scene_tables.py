@@ -249,7 +249,6 @@ class SceneFile(Table):
             self._has_nothing_electric()
         elif self.field.charge_relaxation is not None:
             self._relaxes()
-        self._has_one_viscosity_if_several()
         self._is_clear_of_contact()
         return self
 
@@ -261,16 +260,6 @@ class SceneFile(Table):
                     raise refusal(f"a [field], without which no {name} matters", f"vesicle[{i}].{name}", value)
         if self.stop is not None and self.stop.class_ is not None:
             raise refusal("a [field], along which a vesicle is prolate or oblate", "stop.class", self.stop.class_)
-
-    def _has_one_viscosity_if_several(self) -> None:
-        if len(self.vesicles()) == 1:
-            return
-        wanted = "no such key for more than one vesicle"
-        if self.fluid is not None:
-            raise refusal(wanted, "fluid.viscosity_ratio", self.fluid.viscosity_ratio)
-        for i, vesicle in enumerate(self.vesicle):
-            if vesicle.viscosity_ratio is not None:
-                raise refusal(wanted, f"vesicle[{i}].viscosity_ratio", vesicle.viscosity_ratio)
 
     def _relaxes(self) -> None:
         limits = RATIO_OF_RELAXING

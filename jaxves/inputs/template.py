@@ -34,7 +34,7 @@ relaxed = false              # true: relax to equilibrium before the run, withou
 # {pair.separation}
 # {pair.offset_angle}
 
-# [fluid]                    # without it both viscosities are equal; only for a single vesicle
+# [fluid]                    # without it both viscosities are equal
 # {fluid.viscosity_ratio}
 
 [field]                      # electric

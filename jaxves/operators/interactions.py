@@ -96,6 +96,10 @@ class AbstractCoupling(eqx.Module):
     together: eqx.AbstractVar[bool]
 
     @abc.abstractmethod
+    def room(self, M: int) -> int:
+        """Returns for how many near sources per target, on average, lists of near pairs of M membranes have room."""
+
+    @abc.abstractmethod
     def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> AbstractInteractions:
         """Returns the interactions of the M >= 2 membranes in `curves`; `electric` adds the operators for a field."""
 

@@ -29,6 +29,9 @@ class Pairwise(AbstractCoupling):
     together: bool = eqx.field(static=True, default=True)
     near: float = eqx.field(static=True, default=NEAR)
 
+    def room(self, M: int) -> int:
+        return M - 1
+
     def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> "PairMatrices":
         return PairMatrices.of(curves, self.near, domain, electric=electric)
 

@@ -45,6 +45,9 @@ class MatrixFree(AbstractCoupling):
             raise refusal("MatrixFree.mesh", self.mesh, wanted)
         accuracy_for(self.accuracy)
 
+    def room(self, M: int) -> int:
+        return self.neighbours
+
     def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> AbstractInteractions:
         near = NearPairs.of(curves, self.neighbours, self.near, domain)
         if self.accuracy is None:

@@ -18,6 +18,7 @@ from ..numerics import fourier
 from ..numerics.arrays import VesicleNodes, VesiclePoints
 from ..potentials.self_refined import Refinement, self_kernels
 from ..potentials.self_stokes import StokesBlocks
+from .double_layers import DoubleLayers
 from .interactions import AbstractCoupling, AbstractInteractions
 
 
@@ -30,6 +31,7 @@ class Surfaces(eqx.Module):
     laplace_slp_dn: Float[Array, "*batch N N"] | None
     interactions: AbstractInteractions | None = None
     stokes_dlp: StokesBlocks | None = None
+    double_layers: DoubleLayers | None = None
 
     @classmethod
     def of(
@@ -48,11 +50,15 @@ class Surfaces(eqx.Module):
         `refinement` sets the finer grids.
         """
         curves, own = self_kernels(x, electric=electric, contrast=contrast, refinement=refinement)
-        interactions = None
+        interactions = double_layers = None
+        domain = Free() if domain is None else domain
         if coupling is not None:
             with jax.named_scope("interactions"):
-                interactions = coupling.between(curves, Free() if domain is None else domain, electric=electric)
-        return cls(curves, own.laplace_slp, own.stokes_slp, own.laplace_slp_dn, interactions, own.stokes_dlp)
+                interactions = coupling.between(curves, domain, electric=electric)
+                if contrast:
+                    double_layers = DoubleLayers.of(curves, coupling, domain)
+        kernels = own.laplace_slp, own.stokes_slp, own.laplace_slp_dn
+        return cls(curves, *kernels, interactions, own.stokes_dlp, double_layers)
 
     def d_ds(self, f: Float[Array, "M N *rest"]) -> Float[Array, "M N *rest"]:
         """Returns ∂f/∂s on every membrane."""

@@ -64,11 +64,8 @@ class Scene(Bounded):
                 raise refusal(f"Scene.{name}", getattr(self, name), f"{wanted}, or None")
         if self.bending.shape != (M,):
             raise ValueError(f"Scene.bending must have shape {(M,)}, but has {self.bending.shape}.")
-        if self.viscosity_ratio is not None:
-            if self.viscosity_ratio.shape != (M,):
-                raise ValueError(f"Scene.viscosity_ratio must have shape {(M,)}, but has {self.viscosity_ratio.shape}.")
-            if M > 1:
-                raise refusal("Scene.viscosity_ratio", self.viscosity_ratio, "None for more than one vesicle")
+        if self.viscosity_ratio is not None and self.viscosity_ratio.shape != (M,):
+            raise ValueError(f"Scene.viscosity_ratio must have shape {(M,)}, but has {self.viscosity_ratio.shape}.")
         if self.field is not None and self.field.conductivity_ratio.shape != (M,):
             raise ValueError(
                 f"Scene.field has numbers for {len(self.field.conductivity_ratio)} vesicles, but Scene.x has {M}: "
