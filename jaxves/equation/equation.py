@@ -123,14 +123,8 @@ class Equation(eqx.Module):
         return Unknowns(motion.velocity, motion.rates, integrals)
 
     def _surfaces(self, y: Unknowns) -> Surfaces:
-        return Surfaces.of(
-            y.x,
-            electric=self.electrics is not None,
-            contrast=self.mobility.needs_dlp,
-            coupling=self.coupling,
-            domain=self.domain,
-            refinement=self.refinement,
-        )
+        how = dict(coupling=self.coupling, domain=self.domain, refinement=self.refinement)
+        return Surfaces.of(y.x, electric=self.electrics is not None, contrast=self.mobility.needs_dlp, **how)
 
     def _motion(self, t: Scalar, y: Unknowns, *, factored: bool, c: Scalar | None = None):
         """Returns F, and what A needs: the constraint, the factors of A_ν, those of the charge (only if `factored`).
