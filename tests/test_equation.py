@@ -180,6 +180,27 @@ def test_the_frozen_part_of_the_potential_is_the_exact_derivative():
     np.testing.assert_allclose(A_V @ dV, change, atol=1e-9 * jnp.max(jnp.abs(change)))
 
 
+@pytest.mark.parametrize("ratio", [0.1, 1.0, 20.0])
+def test_how_charging_follows_the_shape_is_the_exact_derivative(ratio):
+    """At fixed V_m of the nodes: the formula of a transmission problem beside the derivative of the rate."""
+    N, alpha = 96, fourier.grid(96)
+    s = make_scene(
+        shapes.ellipse(N, 0.95, angle=1.0), field=dc_field(3.2, conductivity_ratio=ratio, membrane_conductance=0.5)
+    )
+    equation = equation_for(s)
+    start = eqx.filter_jit(equation.start)()
+    y = Unknowns.of(start.x, jnp.sin(alpha - 1.0)[None] + 0.3 * jnp.cos(2 * alpha))
+    dx = jnp.stack([jnp.sin(3 * alpha) + 0.2, jnp.exp(jnp.cos(alpha))], axis=-1)[None]
+
+    @jax.jit
+    def both(dx):
+        exact = jax.jvp(lambda x: equation.rate(jnp.zeros(()), Unknowns.of(x, y.V_m)).scalars["V_m"], (y.x,), (dx,))[1]
+        return exact, equation.freeze(jnp.zeros(()), y).below(dx)["V_m"]
+
+    exact, found = both(dx)
+    np.testing.assert_allclose(found, exact, atol=1e-8 * np.max(np.abs(exact)))
+
+
 @eqx.filter_jit
 def rate_of_shapes(equation, y, dx):
     """A_x times a displacement (N, 2) of the membrane."""

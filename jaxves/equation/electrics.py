@@ -6,6 +6,7 @@ Other models are in `staged_charging`.
 """
 
 import abc
+import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
@@ -22,6 +23,7 @@ from ..operators.surfaces import Surfaces
 from ..physics import electric
 from ..physics.electric import Field, SurfaceFields
 from ..physics.scene import Scene
+from .charging_of_shape import ChargingOfShape
 from .coupled import assembled, solve_coupled
 
 
@@ -70,6 +72,19 @@ class AbstractElectrics(eqx.Module):
 
         It is None if the scalars are solved for within the stages of a step (`staged_charging`).
         """
+
+    def shape_part(
+        self,
+        surfaces: Surfaces,
+        found: AbstractElectric,
+        scalars: dict[str, VesicleNodes],
+        factors: linear.AbstractFactored,
+    ) -> Callable[[VesiclePoints], dict[str, VesicleNodes]] | None:
+        """Returns the function from a displacement (M, N, 2) to the change of `rates` at fixed scalars.
+
+        It may leave out other membranes. None, which is the default, leaves this dependence to explicit stages.
+        """
+        return None
 
 
 class MembraneElectric(AbstractElectric):
@@ -123,6 +138,11 @@ class MembraneCharging(AbstractElectrics):
             field.membrane_conductance,
             field.membrane_chi,
         )
+
+    def shape_part(self, surfaces, found, scalars, factors):
+        alone = dataclasses.replace(surfaces, interactions=None)
+        share = electric.inner_share(self.field.conductivity_ratio)
+        return ChargingOfShape(alone, factors, found.fields, scalars["V_m"], share, self.field.membrane_chi, self.cut)
 
     def _charge(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, direct: bool, factored: bool):
         field = self.field

@@ -186,8 +186,11 @@ class Equation(eqx.Module):
         # With two viscosities the interactions are not part of A: one matrix for all shapes would need D of all pairs.
         if self.coupling is not None and self.coupling.together and inside is None:
             A_all = self._all_shapes(motion, constraint)
-        A_scalars = None if self.electrics is None else self.electrics.linear_part(surfaces, charge)
-        return Frozen(motion, constraint, blocks, A_all, A_scalars)
+        if self.electrics is None:
+            return Frozen(motion, constraint, blocks, A_all, None)
+        A_scalars = self.electrics.linear_part(surfaces, charge)
+        below = self.electrics.shape_part(surfaces, motion.electric, y.scalars, charge)
+        return Frozen(motion, constraint, blocks, A_all, A_scalars, below)
 
     def _all_shapes(self, motion: Motion, constraint: Constraint) -> Float[Array, "n n"]:
         """Returns A_x of all membranes as one matrix if any are near, otherwise zero."""
