@@ -26,7 +26,6 @@ import time
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from jaxves.base import status
 from jaxves.geometry import shapes
@@ -45,7 +44,7 @@ from ._schemes import ARK2, ARK3, Even
 SCHEMES = {"Euler": SemiImplicitEuler(), "ARK2": ARK2(), "ARK3": ARK3(), "ARK4": ARK4(), "ARK5": ARK5()}
 RATES = {"Euler": 1, "ARK2": 3, "ARK3": 4, "ARK4": 6, "ARK5": 8}  # a step
 PARTS = ("shape", "V_m", "tension")
-MARKERS = {32: "x", 64: "o", 96: "s", 128: "v", 192: "D", 256: "^"}  # by nodes
+LABELS = {"Euler": "first order, fixed steps"} | {f"ARK{p}": f"order {p}, adaptive" for p in (2, 3, 4, 5)}
 JUDGED = ("settings", "shape", "V_m")  # of a table, whether the tolerance is kept
 _ENOUGH = 192  # nodes, to follow a displacement of 1e-4
 _ALL = Checks(tail=np.inf, drift=np.inf)  # judged here by their error alone
@@ -265,25 +264,31 @@ def resolved(nodes, least, vesicles):
 
 @styled
 def draw(found) -> Figure:
-    """Draws the error of the shape against seconds, one panel per scene."""
-    figure = Figure(figsize=(run_plots.PAGE, 2.9))
-    panels = np.atleast_1d(figure.subplots(1, len(found), sharey=True))
-    for axes, (name, scene) in zip(panels, found.items(), strict=True):
-        for N, tables in scene["nodes"].items():
-            for scheme, table in tables.items():
-                axes.loglog(table["seconds"], table["shape"], f"-{MARKERS[int(N)]}", color=_color(scheme), ms=3)
-        axes.set(title=name, xlabel="seconds")
-        low, high = axes.get_xlim()
-        digits = (1,) if high > 50 * low else (1, 3) if high > 5 * low else (1, 2, 3, 5)
-        ticks = [digit * 10.0**k for k in range(-2, 3) for digit in digits if low <= digit * 10.0**k <= high]
-        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axes.minorticks_off()
-    panels[0].set_ylabel("largest error of the shape")
-    used = {int(N) for scene in found.values() for N in scene["nodes"]}
-    lines = [Line2D([], [], color=_color(scheme), label=scheme) for scheme in SCHEMES]
-    lines += [Line2D([], [], color="0.4", ls="", marker=MARKERS[N], ms=3, label=f"{N} nodes") for N in sorted(used)]
-    figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), columnspacing=1.2, handlelength=1.2)
+    """Draws the error of the shape against seconds for one scene, POP if it is there: the best number of nodes."""
+    name, scene = ("POP", found["POP"]) if "POP" in found else next(iter(found.items()))
+    figure = Figure(figsize=(run_plots.COLUMN + 0.6, 2.6))
+    axes = figure.add_subplot()
+    for scheme in SCHEMES:
+        tables = [tables[scheme] for tables in scene["nodes"].values() if scheme in tables]
+        seconds, errors = best(tables)
+        axes.loglog(seconds, errors, ".-", ms=5, color=_color(scheme), label=LABELS[scheme])
+    axes.set(title=f"{name} to t = 1", xlabel="run time (seconds)", ylabel="largest error of the shape ($a$)")
+    low, high = axes.get_xlim()
+    ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= tick <= high]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.xaxis.set_minor_formatter("")
+    axes.legend()
     return figure
+
+
+def best(tables) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the times and errors of those runs of which no other run of these tables is faster and more accurate."""
+    pairs = [pair for table in tables for pair in zip(table["seconds"], table["shape"], strict=True)]
+    kept = []
+    for seconds, error in sorted(pair for pair in pairs if np.all(np.isfinite(pair))):
+        if not kept or error < kept[-1][1]:
+            kept.append((seconds, error))
+    return np.reshape(kept, (-1, 2)).T
 
 
 def _color(scheme):

@@ -93,23 +93,26 @@ def draw(found) -> Figure:
         (middle, by_conductance, "field.membrane_conductance"),
     ):
         places = np.array(list(curve))
-        axes.plot(places, [row["beta"] for row in curve.values()], "o", ms=3, label="ellipse")
+        axes.plot(places, [row["beta"] for row in curve.values()], "o", ms=3, label="from an ellipse")
         reach = 0.35 * np.min(np.diff(places)) if len(places) > 1 else 0.02
         for place, row in curve.items():
             ends = place + reach * np.array([-1, 1])
-            axes.plot(ends, row["beta"] + slope(row, name)[0] * (ends - place), color="C1", lw=1)
+            tangent = row["beta"] + slope(row, name)[0] * (ends - place)
+            axes.plot(ends, tangent, color="0.3", lw=1, label="derivative" if place == places[0] else None)
     relaxed = found["cases"].get("relaxed", {})
-    left.plot(list(relaxed), [row["beta"] for row in relaxed.values()], "s", ms=3, mfc="none", label="at rest")
+    at_rest = [row["beta"] for row in relaxed.values()]
+    left.plot(list(relaxed), at_rest, "s", ms=3, mfc="none", label="from the shape at rest")
     left.plot(list(PAPER), list(PAPER.values()), "k+", ms=7, label="paper, as drawn")
-    left.set(xlabel="Δ", ylabel=r"$\beta_0$ at $G=0$")
-    left.legend()
-    middle.set(xlabel="G", ylabel=r"$\beta_0$ at $\Delta=0.9$")
+    left.set(xlabel=r"reduced area $\Delta$", ylabel=r"critical field $\beta_0$ at $G=0$")
+    left.margins(y=0.1)
+    left.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
+    middle.set(xlabel="membrane conductance $G$", ylabel=r"critical field $\beta_0$ at $\Delta=0.9$")
     row = ellipse[0.9]
     for key, values in row["slopes"]["ratios"]["field.conductivity_ratio"].items():
         right.plot(row["slopes"]["t"], values, "o-", ms=2.5, label=key.replace("_", " "))
     right.axvline(row["instant"], color="0.6", lw=0.8)
-    right.set(xlabel="t", ylabel=r"$-\partial_\Lambda Q/\partial_\beta Q$", ylim=(0, 30))
-    right.legend(loc="upper right", frameon=True, framealpha=1, edgecolor="none")
+    right.set(xlabel=r"$t/t_\kappa$", ylabel=r"$\partial\beta_0/\partial\Lambda$ by a diagnostic at $t$", ylim=(0, 30))
+    right.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
     return figure
 
 

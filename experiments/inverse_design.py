@@ -53,7 +53,7 @@ def run(wanted=WANTED, N=64, t_end=1.5, most=100, longest=0.15, enough=1e-6):
 
 @styled
 def draw(found) -> Figure:
-    """Draws the outlines before and after, the path through (Λ, β), and the approach to both targets."""
+    """Draws the outlines before and after, the path through (Λ, β), and the distance from both targets."""
     figure = Figure(figsize=(run_plots.PAGE, 2.4))
     left, middle, right = figure.subplots(1, 3)
     path = found["path"]
@@ -62,16 +62,15 @@ def draw(found) -> Figure:
         (line,) = left.plot(*x.T, label=f"{label}: {np.degrees(row['inclination']):.1f}°")
         ends = 1.5 * np.array([-1, 1])
         left.plot(ends * np.cos(row["inclination"]), ends * np.sin(row["inclination"]), color=line.get_color(), lw=0.7)
-    left.set(aspect="equal", xlabel="x", ylabel="y", ylim=(-1.4, 1.4))
+    left.set(aspect="equal", xlabel="$x/a$", ylabel="$y/a$", ylim=(-1.3, 1.9))
     left.legend(loc="upper center")
     middle.plot([row[NAMES[0]] for row in path], [row[NAMES[1]] for row in path], "o-", ms=2)
-    middle.plot(path[-1][NAMES[0]], path[-1][NAMES[1]], "k*", ms=9)
-    middle.set(xlabel="Λ", ylabel="β")
-    right.plot([np.degrees(row["inclination"]) for row in path], label="inclination (degrees)")
-    right.plot([row["effective_viscosity"] for row in path], label=r"$[\mu]$")
-    for value in (np.degrees(WANTED["inclination"]), WANTED["effective_viscosity"]):
-        right.axhline(value, color="0.6", lw=0.8)
-    right.set(xlabel="step of the search")
+    middle.plot(path[-1][NAMES[0]], path[-1][NAMES[1]], "k*", ms=9, label="found")
+    middle.set(xlabel=r"conductivity ratio $\Lambda$", ylabel=r"field strength $\beta$")
+    middle.legend()
+    for name, label in (("inclination", r"inclination $\theta$"), ("effective_viscosity", r"viscosity $[\mu]$")):
+        right.semilogy([abs(row[name] / WANTED[name] - 1) for row in path], "o-", ms=2.5, label=label)
+    right.set(xlabel="step of the search", ylabel="relative distance from the target")
     right.legend()
     return figure
 

@@ -24,7 +24,7 @@ from jaxves.inputs import scene_files
 from jaxves.plots import sweep_plots
 from jaxves.results.sweep_store import DUE, SKIPPED
 
-from ._common import save, store
+from ._common import save, store, styled
 from ._sweeps import TOY, listed, swept
 
 QUICK = dict(
@@ -153,12 +153,16 @@ def bracket(strengths, classes) -> list[float] | None:
     return None
 
 
+@styled
 def draw(found):
     """Draws one panel for each Δ, with the critical fields as points."""
     figure = sweep_plots.phase_diagram(found["record"])
     for ax, row in zip(figure.axes, found["by area"].values(), strict=True):
         known = {G: beta for G, beta in row["critical"].items() if not isinstance(beta, str)}
-        ax.plot(list(known.values()), list(known), "o", color="black", mfc="white", ms=3.5, mew=0.9, clip_on=False)
+        (points,) = ax.plot(
+            list(known.values()), list(known), "o", color="black", mfc="white", ms=3.5, mew=0.9, clip_on=False
+        )
+    figure.legend([points], [r"critical field $\beta_0$"], loc="outside upper right")
     return figure
 
 

@@ -194,14 +194,14 @@ def draw(found) -> Figure:
     M = [row["M"] for row in rows]
     panels[0].loglog(M, [row["cpu / single"] for row in rows], "o-", ms=3, label="processor time")
     panels[0].loglog(M, [row["wall / single"] for row in rows], "s--", ms=3, color="0.6", label="wall time")
-    panels[0].set(title="one step, in steps of one vesicle")
+    panels[0].set(title="time of one step / that of one vesicle")
     panels[0].legend(fontsize=6)
     coupled = [row for row in rows if row["iterations"] > 0]
     panels[1].semilogx([row["M"] for row in coupled], [row["iterations"] for row in coupled], "o-", ms=3)
-    panels[1].set(title="GMRES iterations of one F", ylim=(0, 1 + max(row["iterations"] for row in rows)))
+    panels[1].set(title="GMRES iterations of one right-hand side", ylim=(0, 1 + max(row["iterations"] for row in rows)))
     panels[2].loglog(M, [row["planned"] / 2**20 for row in rows], "o-", ms=3, label="the compiled step")
     panels[2].loglog(M, [row["peak"] / 2**20 for row in rows], "s--", ms=3, color="0.6", label="the whole process")
-    panels[2].set(title="memory, MiB")
+    panels[2].set(title="memory (MiB)")
     panels[2].legend(fontsize=6)
     for axes in panels:
         axes.set_xlabel("vesicles")

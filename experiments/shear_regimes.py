@@ -268,15 +268,17 @@ def draw_map(found) -> Figure:
             xscale="log",
             yscale="log",
             title=rf"$\beta = {beta:g}$",
-            xlabel=r"$\Lambda$",
+            xlabel=r"conductivity ratio $\Lambda$",
             xlim=(0.15, 14),
             ylim=(1.5, 80),
         )
         axes.set_yticks([2, 5, 10, 20, 60], ["2", "5", "10", "20", "60"])
         axes.set_xticks([0.2, 0.5, 1, 3, 10], ["0.2", "0.5", "1", "3", "10"])
         axes.minorticks_off()
-    panels[0].set(ylabel="$Ca$")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(KINDS), fontsize=6)
+    panels[0].set(ylabel=r"shear rate $Ca$, $\Delta = 0.8$")
+    there = {case[3] for case in found["map"]}
+    shown = [handle for handle in panels[0].get_lines() if handle.get_label() in there]
+    figure.legend(handles=shown, loc="outside lower center", ncols=len(shown))
     return figure
 
 

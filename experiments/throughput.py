@@ -140,20 +140,22 @@ def draw(found) -> Figure:
     left, middle, right = figure.subplots(1, 3)
     sizes = list(found["by size"])
     place = np.arange(len(sizes))
-    for axes, name, target in ((left, "rate", 1.0), (middle, "step", 8.0)):
+    titles = {"rate": "one right-hand side", "step": "one step"}
+    for axes, (name, title), target in zip((left, middle), titles.items(), (1.0, 8.0), strict=True):
         bars = axes.bar(place, [found["by size"][N][f"{name} / LU"] for N in sizes], width=0.6)
-        axes.bar_label(bars, fmt="%.2f", fontsize=7)
+        axes.bar_label(bars, fmt="%.2f", fontsize=7, label_type="center", color="white")
         least = [found["by size"][N][f"{name} / LU, least"] for N in sizes]
-        axes.plot(place, least, "D", color="C1", ms=4)
-        axes.axhline(target, color="0.4", ls="--", lw=0.8)
-        axes.set(title=f"one {name} (◆ least times)", ylabel="LU of 3N unknowns", xlabel="N")
+        axes.plot(place, least, "D", color="C1", ms=4, label="least time")
+        axes.axhline(target, color="0.4", ls="--", lw=0.8, label="target")
+        axes.set(title=title, ylabel="time / time of one LU of 3N unknowns", xlabel="nodes $N$")
+        axes.set_ylim(0, 1.35 * target)
+        axes.legend(loc="upper left", ncols=2, handlelength=1.2, columnspacing=0.8, fontsize=6)
         axes.set_xticks(place, [str(N) for N in sizes])
-        axes.margins(y=0.15)
     times = found["by what is present"]
     bars = right.barh(range(len(times)), [1e3 * s for s in times.values()], height=0.6, color="C2")
     right.bar_label(bars, fmt="%.2f", fontsize=7, padding=2)
     right.set_yticks(range(len(times)), list(times))
-    right.set(title="what is imposed", xlabel="ms a step")
+    right.set(title="what is imposed, N = 64", xlabel="time of one step (ms)")
     right.margins(x=0.2)
     return figure
 

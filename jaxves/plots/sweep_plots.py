@@ -9,9 +9,11 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from scipy.interpolate import NearestNDInterpolator
+from scipy.ndimage import distance_transform_edt
 
 from ..base import status
 from ..base.physical_numbers import declared
@@ -66,13 +68,10 @@ def phase_diagram(record: SweepRecord, *, ax: Into = None) -> Figure:
             return
         filled = _filled(codes)
         ax.pcolormesh(x, y, filled.T, cmap=ListedColormap(colors), vmin=-0.5, vmax=len(words) - 0.5, shading="nearest")
-        for code in range(len(words)):
-            inside = (filled == code).astype(float)
-            if 0 < inside.sum() < inside.size:
-                ax.contour(x, y, inside.T, [0.5], colors=INK, linewidths=0.8)
+        ax.add_collection(LineCollection(_borders(x, y, filled), colors=INK, linewidths=0.8, capstyle="round"))
         ax.plot(*_points(x, y, computed), ".", color=INK, markersize=1.0, alpha=0.35)
         for code, word in enumerate(words):
-            _write(ax, word, *_points(x, y, codes == code), filled == code)
+            _write(ax, word, x, y, filled == code)
 
     figure, axes = _panels(record, codes, draw, ax)
     handles = [axes[0].plot([], [], "s", color=color, label=word)[0] for word, color in zip(words, colors, strict=True)]
@@ -210,11 +209,30 @@ def _filled(values: np.ndarray) -> np.ndarray:
     return near(*np.indices(values.shape))
 
 
+def _edges(centers: np.ndarray) -> np.ndarray:
+    """Returns the edges of the cells that `pcolormesh` draws around these values."""
+    middle = 0.5 * (centers[1:] + centers[:-1])
+    return np.concatenate([[2 * centers[0] - middle[0]], middle, [2 * centers[-1] - middle[-1]]])
+
+
+def _borders(x: np.ndarray, y: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Returns the edges (K, 2, 2) between neighbouring cells with different values; `cells` has the shape (x, y)."""
+    across, upward = _edges(x), _edges(y)
+    i, j = np.nonzero(cells[1:] != cells[:-1])
+    vertical = np.stack([np.stack([across[i + 1], upward[j + k]], axis=-1) for k in (0, 1)], axis=1)
+    i, j = np.nonzero(cells[:, 1:] != cells[:, :-1])
+    level = np.stack([np.stack([across[i + k], upward[j + 1]], axis=-1) for k in (0, 1)], axis=1)
+    return np.concatenate([vertical, level])
+
+
 def _write(ax: Axes, word: str, x: np.ndarray, y: np.ndarray, region: np.ndarray) -> None:
-    """Writes the name of a class into its region if there is room."""
-    if region.mean() > 0.03 and len(x):
-        middle = np.argmin((x - np.median(x)) ** 2 / max(np.ptp(x), 1e-9) ** 2 + (y - np.median(y)) ** 2)
-        ax.text(x[middle], y[middle], word, ha="center", va="center", fontsize=9, color=INK)
+    """Writes the name of a class where its region is widest, if there is room."""
+    if region.mean() > 0.03:
+        depth = distance_transform_edt(np.pad(region, 1))[1:-1, 1:-1]
+        i, j = np.nonzero(depth > depth.max() - 0.5)
+        k = np.argmin((i - i.mean()) ** 2 + (j - j.mean()) ** 2)  # the middle of the widest part
+        i, j = i[k], j[k]
+        ax.text(x[i], y[j], word, ha="center", va="center", fontsize=9, color=INK)
 
 
 def _scale_axis(set_scale, values: np.ndarray) -> None:
