@@ -39,6 +39,8 @@ _PUBLIC = {
     "base": ("status",),
     "base.compiling": ("fast_start",),
     "geometry.curve": ("Curve",),
+    "geometry.domain": ("Cell",),
+    "geometry.placement": ("random_suspension",),
     "geometry.shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points"),
     "physics.electric": ("Field",),
     "physics.flow": ("Extension", "LinearFlow", "Poiseuille", "Shear", "TimeDependent"),

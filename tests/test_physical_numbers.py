@@ -129,7 +129,7 @@ PLACE = {
     "FluidTable": "fluid", "FlowTable": "flow", "ShearFlow": "flow", "ExtensionFlow": "flow", "LinearFlow": "flow",
     "PoiseuilleFlow": "flow",
 }  # fmt: skip
-NOT_PHYSICAL = {"SceneFile", "NumericsTable", "StopTable"}
+NOT_PHYSICAL = {"SceneFile", "NumericsTable", "StopTable", "CellTable", "SuspensionTable"}
 # Vectors, lists, words and tables.
 OTHER_KEYS = {
     "shape", "kind", "center", "relaxed", "file", "points", "modes", "flip_y", "direction", "time", "gradient", "times",

@@ -97,6 +97,26 @@ OF_SCENE = {
     ),
     "a flow with a source": ('[flow]\nkind = "linear"\ngradient = [[1.0, 0.0], [0.0, 1.0]]', "flow.gradient"),
     "a gradient of three": ('[flow]\nkind = "linear"\ngradient = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]', "flow.gradient"),
+    "a cell of one vector": ("[cell]\nlattice = [[8.0, 0.0]]", "cell.lattice"),
+    "a cell that is flat": ("[cell]\nlattice = [[8.0, 0.0], [4.0, 0.0]]", "cell.lattice.*expected two vectors"),
+    "a cell the other way round": ("[cell]\nlattice = [[0.0, 8.0], [8.0, 0.0]]", "cell.lattice"),
+    "a cell that is too small": ("[cell]\nlattice = [[2.0, 0.0], [0.0, 2.0]]", r"vesicle\[0\].length.*own image"),
+    "an extension in a cell": (
+        '[cell]\nlattice = [[8.0, 0.0], [0.0, 8.0]]\n[flow]\nkind = "extension"\ncapillary_number = 1.0',
+        'flow.kind = "extension".*shear',
+    ),
+    "a shear of a turned cell": (
+        '[cell]\nlattice = [[8.0, 1.0], [0.0, 8.0]]\n[flow]\nkind = "shear"\ncapillary_number = 1.0',
+        "cell.lattice.*along x",
+    ),
+    "two viscosities in a cell": (
+        "[cell]\nlattice = [[8.0, 0.0], [0.0, 8.0]]\n[fluid]\nviscosity_ratio = 2.0",
+        "fluid.viscosity_ratio = 2.0",
+    ),
+    "matrices of pairs in a cell": (
+        '[cell]\nlattice = [[8.0, 0.0], [0.0, 8.0]]\n[numerics]\nsolver = "dense"',
+        'numerics.solver = "dense"',
+    ),
     "a pair that overlaps": ("[pair]\nseparation = 1.0", "pair.separation = 1.0.*overlap"),
     "a pair in one place": ("[pair]\nseparation = 0.0", "pair.separation = 0.0"),
     "a pair without a distance": ("[pair]\noffset_angle = 3.0", "pair.separation is missing"),

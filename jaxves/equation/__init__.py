@@ -15,6 +15,7 @@ implicit        the linear part A at one instant, and solving with 1 - c A
 projection      filter and projection after each step
 symmetry        symmetries of a single vesicle, which are kept exactly
 equation        F, A and the constraints
+cells           the plane or the cell of a scene, and the coupling in it
 norms           sizes of errors and changes, and checks of each step
 tracking        inclinations without jumps of π
 """

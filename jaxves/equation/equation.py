@@ -23,12 +23,11 @@ from ..geometry.domain import AbstractDomain, Free
 from ..numerics import fourier, linear
 from ..numerics.arrays import PerVesicle, Scalar
 from ..operators.interactions import AbstractCoupling
-from ..operators.sums import coupling_for
 from ..operators.surfaces import Surfaces
 from ..physics import membrane, rigid
 from ..physics.scene import Scene
 from ..potentials.self_refined import Refinement
-from . import linear_part, projection
+from . import cells, linear_part, projection
 from .contrast import ViscosityContrast
 from .coupled import worst
 from .electrics import AbstractElectrics
@@ -122,8 +121,8 @@ class Equation(eqx.Module):
         integrals = {} if self.integrands is None else self.integrands(motion, self.scene, t)
         return Unknowns(motion.velocity, motion.rates, integrals)
 
-    def _surfaces(self, y: Unknowns) -> Surfaces:
-        how = dict(coupling=self.coupling, domain=self.domain, refinement=self.refinement)
+    def _surfaces(self, t: Scalar, y: Unknowns) -> Surfaces:
+        how = dict(coupling=self.coupling, domain=self.domain.at(t), refinement=self.refinement)
         return Surfaces.of(y.x, electric=self.electrics is not None, contrast=self.mobility.needs_dlp, **how)
 
     def _motion(self, t: Scalar, y: Unknowns, *, factored: bool, c: Scalar | None = None):
@@ -131,7 +130,7 @@ class Equation(eqx.Module):
 
         Given c, the scalars of y are those from which the scalars s of a stage are solved for, s = y + c s'.
         """
-        scene, surfaces = self.scene, self._surfaces(y)
+        scene, surfaces = self.scene, self._surfaces(t, y)
         curves = surfaces.curves
         direct = self.coupling is not None and self.coupling.direct
         solutions = []
@@ -248,7 +247,7 @@ class Equation(eqx.Module):
         scene = self.scene
         scalars = {}
         if self.electrics is not None:
-            scalars = self.electrics.start(scene, lambda: self._surfaces(Unknowns(scene.x)))
+            scalars = self.electrics.start(scene, lambda: self._surfaces(jnp.zeros(()), Unknowns(scene.x)))
         y = self.settled(Unknowns(scene.x, scalars))
         if self.integrands is not None:
             shapes = jax.eval_shape(lambda y: self.rate(jnp.zeros(()), y), y).integrals
@@ -272,17 +271,13 @@ def equation_for(
         scene: the scene.
         filter: the modes that are removed; the default depends on the number of nodes.
         solver: solver for the charge of one membrane; the default depends on the number of nodes.
-        coupling: interactions of several membranes; the default depends on their size.
+        coupling: interactions of several membranes; the default depends on their size (`cells.coupling_of`).
         refinement: finer grids where a membrane comes close to itself; up to 8 times finer by default.
-        keep_symmetry: whether a single vesicle that starts symmetric is kept symmetric. A flow that is not linear in
-            position may end the symmetry, and nothing is then kept.
+        keep_symmetry: whether a single vesicle that starts symmetric is kept symmetric (`cells.may_keep_symmetry`).
         integrands: integrands of running integrals, a function (Motion, Scene, t) -> dict.
     """
     curves = jax.vmap(Curve.from_nodes)(scene.x)
     M, N, _ = scene.x.shape
-    if M == 1 or coupling is None:
-        coupling = coupling_for(M, N)
-    is_symmetric = scene.flow is None or scene.flow.is_linear()
     filter = Filter.for_nodes(N) if filter is None else filter
     solver = linear.for_second_kind(N) if solver is None else solver
     return Equation(
@@ -292,9 +287,9 @@ def equation_for(
         filter,
         electrics_for(scene, solver, filter.surface),
         EqualViscosities() if scene.viscosity_ratio is None else ViscosityContrast(scene.viscosity_ratio),
-        coupling,
-        Symmetry.of(scene) if M == 1 and keep_symmetry and is_symmetric else None,
+        cells.coupling_of(scene, coupling),
+        Symmetry.of(scene) if M == 1 and keep_symmetry and cells.may_keep_symmetry(scene) else None,
         Refinement() if refinement is None else refinement,
-        Free(),
+        cells.domain_of(scene),
         integrands,
     )

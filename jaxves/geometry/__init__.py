@@ -1,6 +1,7 @@
 """Closed curves and the quantities measured on them.
 
 outline_files, outline_fit, outlines    from the points of a file to a smooth closed curve; no JAX
+placement                               places for many vesicles in a cell; no JAX
 shapes      circles, ellipses, curves through points
 curve       `Curve`: nodes with tangent, normal, curvature; area, length, inclination angle
 domain                                  the space that vesicles are in: the plane, or a periodic cell

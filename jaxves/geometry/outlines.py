@@ -169,9 +169,26 @@ def placed(polygon: Polygon, length: float, angle: float, center: tuple[float, f
     return affinity.translate(polygon, center[0] - polygon.centroid.x, center[1] - polygon.centroid.y)
 
 
-def first_touching(polygons: list[Polygon]) -> tuple[int, int] | None:
-    """Returns the indices of the first two polygons that overlap, contain one another or touch, or None."""
-    tree = shapely.STRtree(polygons)
+def first_touching(polygons: list[Polygon], lattice=None) -> tuple[int, int] | None:
+    """Returns the indices of the first two polygons that overlap, contain one another or touch, or None.
+
+    With the two vectors of a `lattice`, polygons also must not touch images of others, nor their own, whose pair of
+    indices is twice the same.
+    """
+    M, images = len(polygons), list(polygons)
+    if lattice is not None:
+        steps = [(m, n) for m in (-1, 0, 1) for n in (-1, 0, 1) if (m, n) != (0, 0)]
+        home = [_home(polygon, lattice) for polygon in polygons]
+        polygons, images = home, list(home)
+        for m, n in steps:
+            images += [affinity.translate(p, *(m * a + n * b for a, b in zip(*lattice, strict=True))) for p in home]
+    tree = shapely.STRtree(images)
     pairs = tree.query(polygons, predicate="dwithin", distance=_TOUCH).T
-    touching = sorted((int(i), int(j)) for i, j in pairs if i < j)
+    touching = sorted((int(i), int(j) % M) for i, j in pairs if i < j)
     return touching[0] if touching else None
+
+
+def _home(polygon: Polygon, lattice) -> Polygon:
+    """Returns the image of a polygon whose centroid is in the cell next to the origin."""
+    place = np.floor(np.linalg.solve(np.transpose(lattice), polygon.centroid.coords[0]))
+    return affinity.translate(polygon, *(-place @ np.array(lattice)))

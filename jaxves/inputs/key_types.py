@@ -75,4 +75,10 @@ Gradient = Annotated[
     _if(_trace_free),
     Expect("a trace-free gradient [[a, b], [c, -a]] of finite numbers"),
 ]
+Lattice = Annotated[
+    tuple[Pair, Pair],
+    _ARRAY,
+    _if(lambda value: value[0][0] * value[1][1] > value[0][1] * value[1][0]),
+    Expect("two vectors [[x, y], [x, y]], the second to the left of the first"),
+]
 PointList = Annotated[tuple[Pair, ...], _ARRAY, Expect("a list of points [x, y]")]

@@ -1,8 +1,9 @@
 """The physical numbers of a scene file by name, and replacing them by others.
 
 Names are key paths of the file: "field.beta", "vesicle.reduced_area" (of all vesicles) or "vesicle[1].reduced_area",
-"pair.offset_angle", "flow.gradient[0][1]". Units are the file's: angles in degrees. This is what sweeps, fits and
-sensitivities vary; the points of a curve are no numbers in this sense, they are reached through `Scene.x`.
+"pair.offset_angle", "flow.gradient[0][1]", "cell.lattice[1][0]". Units are the file's: angles in degrees. This is what
+sweeps, fits and sensitivities vary; the points of a curve are no numbers in this sense, they are reached through
+`Scene.x`.
 Nothing here imports JAX: traced numbers pass through unchanged (`runs.build.scene_of`).
 """
 
@@ -14,7 +15,7 @@ from ..base.physical_numbers import CHARGE_RELAXATION, DISTURBANCE, PER_VESICLE,
 from .checking import SceneError, Table, checked, dotted
 from .scene_tables import SceneFile
 
-_TABLES = ("vesicle", "pair", "fluid", "field", "flow")
+_TABLES = ("vesicle", "pair", "fluid", "field", "flow", "cell")
 # Numbers that may be given without the file having them: those of [field] or [fluid] for a vesicle, and those that may
 # be absent.
 _OWN = (*(number.key for number in PER_VESICLE), VISCOSITY_RATIO.key, DISTURBANCE.key, CHARGE_RELAXATION.key)

@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from ..base import physical_numbers
 from ..base.bounds import RATIO_OF_RELAXING
 from ..geometry import outlines
+from .cell_tables import CellTable, SuspensionTable, check_beside_cell, with_copies
 from .checking import Table, choice, one_of, refusal
 from .key_types import (
     Count,
@@ -227,6 +228,8 @@ class SceneFile(Table):
     fluid: FluidTable | None = None
     field: FieldTable | None = None
     flow: choice(ShearFlow, ExtensionFlow, LinearFlow, PoiseuilleFlow) | None = None
+    cell: CellTable | None = None
+    suspension: SuspensionTable | None = None  # None again when it has been read: then `vesicle` has the copies
     stop: StopTable | None = None
     numerics: NumericsTable = NumericsTable()
 
@@ -240,6 +243,10 @@ class SceneFile(Table):
         return tuple(one.model_copy(update={"center": (x + s * dx, y + s * dy)}) for s in (-1, 1))
 
     @model_validator(mode="after")
+    def _placed(self) -> "SceneFile":
+        return self if self.suspension is None else with_copies(self)
+
+    @model_validator(mode="after")
     def _hangs_together(self) -> "SceneFile":
         if self.average is not None and self.average[1] > self.t_end:
             raise refusal(f"two times [a, b] with 0 <= a < b <= t_end = {self.t_end}", "average", self.average)
@@ -249,6 +256,8 @@ class SceneFile(Table):
             self._has_nothing_electric()
         elif self.field.charge_relaxation is not None:
             self._relaxes()
+        if self.cell is not None:
+            check_beside_cell(self)
         self._is_clear_of_contact()
         return self
 
@@ -273,16 +282,18 @@ class SceneFile(Table):
 
     def _is_clear_of_contact(self) -> None:
         vesicles = self.vesicles()
-        if len(vesicles) == 1:
+        if len(vesicles) == 1 and self.cell is None:
             return
-        touching = outlines.first_touching(
-            [outlines.placed(v.polygon(), v.length, v.angle, v.center) for v in vesicles]
-        )
+        polygons = [outlines.placed(v.polygon(), v.length, v.angle, v.center) for v in vesicles]
+        touching = outlines.first_touching(polygons, None if self.cell is None else self.cell.lattice)
         if touching is None:
             return
         i, j = touching
         if self.pair is not None:
             expected = "more: vesicle[0] and vesicle[1], the two copies, overlap or touch at the start"
             raise refusal(expected, "pair.separation", self.pair.separation)
+        if i == j:
+            expected = f"less than the cell has room for: vesicle[{i}] overlaps or touches its own image at the start"
+            raise refusal(expected, f"vesicle[{i}].length", vesicles[i].length)
         expected = f"a place clear of vesicle[{i}]: vesicle[{i}] and vesicle[{j}] overlap or touch at the start"
         raise refusal(expected, f"vesicle[{j}].center", vesicles[j].center)

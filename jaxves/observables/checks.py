@@ -10,6 +10,7 @@ from ..equation.equation import Equation
 from ..equation.norms import ROUGH
 from ..equation.state import Unknowns, verdict
 from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain
 from ..numerics.arrays import Scalar, Status
 from ..potentials import self_refined
 from .crossings import collides, crosses_itself
@@ -53,15 +54,15 @@ class Checks(eqx.Module):
         code = jnp.where(solved == status.RUNNING, code, solved)
         crossed = jnp.any(jax.vmap(lambda x: crosses_itself(Curve.from_nodes(x)))(y.x))
         code = jnp.where(crossed, status.SELF_CONTACT, code)
-        if y.x.shape[0] > 1:
-            code = self._of_several(y, row, code)
+        if "min_gap" in row.diagnostics:
+            code = self._of_several(y, row, code, equation.domain.at(t))
         finite = jnp.all(jnp.isfinite(row.x)) & jnp.all(jnp.isfinite(row.tension))
         return jnp.where(finite, code, status.NOT_FINITE)
 
-    def _of_several(self, y: Unknowns, row: Row, code: Status) -> Status:
+    def _of_several(self, y: Unknowns, row: Row, code: Status, domain: AbstractDomain) -> Status:
         """Returns the status after checking the films between vesicles, and whether vesicles overlap."""
         curves = jax.vmap(Curve.from_nodes)(y.x)
         thin = row.diagnostics["min_gap"] < jnp.max(jax.vmap(lambda curve: curve.weights)(curves))
         unresolved = thin & (row.diagnostics["film_error"] > self.film)
         code = jnp.where((code < status.UNRESOLVED) & unresolved, status.UNRESOLVED, code)
-        return jnp.where(collides(curves), status.COLLISION, code)
+        return jnp.where(collides(curves, domain), status.COLLISION, code)

@@ -1,10 +1,15 @@
 """Whether curves cross themselves or each other, by the polygons of their nodes."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..geometry.curve import Curve
-from ..operators.interactions import over_pairs
+from ..geometry.domain import AbstractDomain, Cell
+from ..operators.interactions import NEAR, over_pairs
+from ..operators.near_pairs import NearPairs
+
+_NEIGHBOURS = 8  # near pairs per vesicle that are compared in a cell; more of them end a run as crowded
 
 
 def _crossings(first: Curve, second: Curve) -> Array:
@@ -39,10 +44,21 @@ def _is_inside(point: Array, curve: Curve) -> Array:
     return jnp.abs(turned) > 0.5 * jnp.pi
 
 
-def collides(curves: Curve) -> Array:
-    """Returns whether the polygons of any two vesicles intersect or coincide, or one contains the other."""
+def collides(curves: Curve, domain: AbstractDomain) -> Array:
+    """Returns whether the polygons of any two vesicles intersect or coincide, or one contains the other.
+
+    In a periodic cell only near pairs are compared, also a vesicle with its own images.
+    """
 
     def of_pair(first, second):
         return jnp.any(_crossings(first, second)) | _is_inside(first.x[0], second) | _is_inside(second.x[0], first)
 
-    return jnp.any(over_pairs(of_pair, curves))
+    if not isinstance(domain, Cell):
+        return jnp.any(over_pairs(of_pair, curves))
+    near = NearPairs.of(curves, _NEIGHBOURS, NEAR, domain)
+
+    def overlaps(k):
+        target = jax.tree.map(lambda leaf: leaf[near.target[k]], curves)
+        return near.valid[k] & of_pair(target, near.source_curve(k, curves, domain))
+
+    return jnp.any(jax.lax.map(overlaps, jnp.arange(near.valid.shape[0])))

@@ -27,7 +27,7 @@ from ..geometry import curve as geometry
 from ..physics.scene import Scene
 from . import of_charge, of_field, of_membranes, of_suspension
 from .of_membranes import tank_treading_speed
-from .of_suspension import stress
+from .of_suspension import has_stress, stress
 from .registry import GROUPS, Instant
 
 # Their functions are called in this order.
@@ -52,7 +52,7 @@ def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
     curves = motion.surfaces.curves
     theta = jax.vmap(geometry.inclination)(curves)
     return {
-        "stress": stress(motion, scene),
+        **({"stress": stress(motion, scene)} if has_stress(scene) else {}),
         "tank_treading_speed": jax.vmap(tank_treading_speed)(curves, motion.velocity),
         "deformation": jax.vmap(geometry.deformation, in_axes=(0, None))(curves, jnp.array([0.0, 1.0])),
         "director": jnp.stack([jnp.cos(2 * theta), jnp.sin(2 * theta)], axis=-1),
@@ -61,8 +61,9 @@ def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
 
 def averages(means: dict[str, Array], scene: Scene) -> dict[str, Array]:
     """Returns the time averages by the names of the diagnostics, from the means of the integrands `averaged`."""
-    out = {name: means[name] for name in ("stress", "tank_treading_speed", "deformation")}
+    out = {name: means[name] for name in ("stress", "tank_treading_speed", "deformation") if name in means}
     director = means["director"]
     out["inclination"] = 0.5 * jnp.arctan2(director[..., 1], director[..., 0])
-    viscosity = None if scene.flow is None else scene.flow.effective_viscosity(means["stress"])
+    known = scene.flow is not None and has_stress(scene)
+    viscosity = scene.flow.effective_viscosity(means["stress"]) if known else None
     return out if viscosity is None else out | {"effective_viscosity": viscosity}

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.arguments import refusal
 from ..equation.equation import Equation
 from ..equation.state import Unknowns
 from ..geometry.curve import Curve
@@ -60,7 +61,14 @@ def fields_at(equation: Equation, t: ScalarLike, y: Unknowns, points: Points) ->
     """Returns velocity, pressure, potential and electric field at `points` (P, 2), for the state `y` at time `t`.
 
     The result is differentiable, forward and reverse, except `inside`.
+
+    Raises:
+        ValueError: the vesicles are in a periodic cell, for which fields between them are not computed.
     """
+    if equation.scene.cell is not None:
+        raise refusal(
+            "equation.scene.cell", equation.scene.cell, "no periodic cell where fields at points are asked for"
+        )
     return _around(equation, as_float(t), y, points)
 
 

@@ -34,6 +34,23 @@ def of_field(instant: Instant, found) -> dict[str, Array]:
     return out
 
 
+@gives(
+    "mean_current",
+    "effective_conductivity",
+    needed=lambda scene: scene.field is not None and scene.cell is not None,
+)
+def of_cell(instant: Instant, found) -> dict[str, Array]:
+    """The mean current in a periodic cell, E + p/A with the dipole p of all vesicles in it and its area A."""
+    E_inf = instant.scene.field.E_inf(instant.t)
+    current = E_inf + jnp.sum(found["dipole"], axis=0) / instant.equation.domain.at(instant.t).area()
+    square = jnp.sum(E_inf**2)
+    # without a field there is no conductivity to tell
+    return {
+        "mean_current": current,
+        "effective_conductivity": jnp.where(square > 0, current @ E_inf, jnp.nan) / jnp.where(square > 0, square, 1.0),
+    }
+
+
 def _of_membrane(curve: Curve, q, V_m, f_el) -> dict[str, Array]:
     arm = curve.x - geometry.centroid(curve)
     weights = curve.weights

@@ -8,7 +8,9 @@ from ..equation.state import Motion
 from ..geometry import curve as geometry
 from ..geometry import extremes
 from ..geometry.curve import Curve
+from ..geometry.domain import AbstractDomain, Cell
 from ..operators.interactions import over_pairs
+from ..operators.surfaces import Surfaces
 from ..physics import membrane
 from ..physics.scene import Scene
 from .of_field import angle_of
@@ -28,7 +30,16 @@ def stress(motion: Motion, scene: Scene) -> Array:
     return moment / jnp.sum(jax.vmap(geometry.area)(curves))
 
 
-@gives("stress", "effective_viscosity")
+def has_stress(scene: Scene) -> bool:
+    """Returns whether the particle stress has a meaning.
+
+    In a periodic cell with a field it has none: each vesicle carries a net electric force, so that the moment of the
+    forces would depend on the image that is taken.
+    """
+    return scene.cell is None or scene.field is None
+
+
+@gives("stress", "effective_viscosity", needed=has_stress)
 def of_stress(instant: Instant, found) -> dict[str, Array]:
     """Particle stress, and the intrinsic viscosity in a flow that defines one."""
     out = {"stress": stress(instant.motion, instant.scene)}
@@ -37,19 +48,42 @@ def of_stress(instant: Instant, found) -> dict[str, Array]:
     return out if viscosity is None else out | {"effective_viscosity": viscosity}
 
 
+def least_gap(surfaces: Surfaces, domain: AbstractDomain) -> Array:
+    """Returns the least distance of two membranes.
+
+    In a periodic cell only near pairs are compared, an image of a vesicle near itself included. The result is infinite
+    if there are none.
+    """
+    curves = surfaces.curves
+    if not isinstance(domain, Cell):
+        return jnp.min(over_pairs(extremes.gap, curves))
+    near = surfaces.interactions.near
+
+    def of_pair(k):
+        def gap():
+            target = jax.tree.map(lambda leaf: leaf[near.target[k]], curves)
+            return extremes.gap(target, near.source_curve(k, curves, domain))
+
+        return jax.lax.cond(near.valid[k], gap, lambda: jnp.asarray(jnp.inf))
+
+    return jnp.min(jax.lax.map(of_pair, jnp.arange(near.valid.shape[0])))
+
+
 @gives(
     "min_gap",
     "film_error",
     "separation",
     "line_angle",
     "neighbor_distance",
-    needed=lambda scene: scene.x.shape[0] > 1,
+    needed=lambda scene: scene.x.shape[0] > 1 or scene.cell is not None,
 )
 def of_distances(instant: Instant, found) -> dict[str, Array]:
     """The thinnest film; the line of centres of two vesicles, the nearest neighbour of each of more."""
-    domain, center = instant.equation.domain, found["center"]
-    least = jnp.min(over_pairs(extremes.gap, instant.motion.surfaces.curves))
+    domain, center = instant.equation.domain.at(instant.t), found["center"]
+    least = least_gap(instant.motion.surfaces, domain)
     out = {"min_gap": least, "film_error": jnp.max(found["tension_tail"]) / (2 * least) ** 2}
+    if center.shape[0] == 1:
+        return out
     if center.shape[0] == 2:
         line = domain.displacement(center[0], center[1])
         return out | {"separation": jnp.hypot(line[0], line[1]), "line_angle": angle_of(line)}

@@ -46,6 +46,8 @@ QUANTITIES = {
     "line_angle": Quantity("rad", "angle from x of the line of two centres, second to first, in (-π, π]", _RUN),
     "stress": Quantity("kappa_B/a^3", "particle stress -(1/A) Σ ∮ f_hd ⊗ x ds", (*_RUN, "xy", "ab")),
     "effective_viscosity": Quantity("1", "intrinsic viscosity [μ] of the dilute suspension", _RUN),
+    "mean_current": Quantity("sigma_e E_inf", "mean current density in the periodic cell", (*_RUN, "xy")),
+    "effective_conductivity": Quantity("sigma_e", "component of the mean current along the field, over it", _RUN),
     "power_flow": Quantity("kappa_B/(a t_kappa)", "power of the imposed flow", _RUN),
     "power_electric": Quantity("kappa_B/(a t_kappa)", "power of the electric force", _RUN),
     "dissipation": Quantity("kappa_B/(a t_kappa)", "viscous dissipation of the disturbance", _RUN),

@@ -24,9 +24,10 @@ from ..base.physical_numbers import (
 )
 from ..geometry import shapes as curves
 from ..geometry import starts
+from ..geometry.domain import Cell
 from ..numerics.arrays import PerVesicle, VesiclePoints, as_float, require_x64
 from .electric import Field
-from .flow import AbstractFlow, FlowFunction
+from .flow import AbstractFlow, FlowFunction, Shear
 
 _FLOW = "a flow, such as Shear(10.0)"
 
@@ -36,7 +37,8 @@ class Scene(Bounded):
 
     `x` are the nodes (M, N, 2), counter-clockwise and equispaced in arc length. `bending` is κ_B of each vesicle
     relative to the reference, (M,). The transmembrane potential starts at `V_m` (M, N), or at zero if that is None.
-    `viscosity_ratio` is ν of each vesicle, (M,), or None if both viscosities are equal.
+    `viscosity_ratio` is ν of each vesicle, (M,), or None if both viscosities are equal. Nodes are not moved back
+    into the periodic `cell` (`Cell.of`), whose lattice a shear flow carries along.
 
     Known values are checked here. Traced values are checked in the run (`is_valid`), which then ends as `invalid`.
 
@@ -53,6 +55,7 @@ class Scene(Bounded):
     flow: AbstractFlow | None = None
     V_m: Float[Array, "M N"] | None = None
     viscosity_ratio: PerVesicle | None = eqx.field(converter=lambda v: None if v is None else as_float(v), default=None)
+    cell: Cell | None = None
 
     def __check_init__(self):
         require_x64()
@@ -62,6 +65,7 @@ class Scene(Bounded):
         for name, kind, wanted in (("field", Field, "a field, as dc_field makes it"), ("flow", AbstractFlow, _FLOW)):
             if not isinstance(getattr(self, name), kind | None):
                 raise refusal(f"Scene.{name}", getattr(self, name), f"{wanted}, or None")
+        self._check_cell()
         if self.bending.shape != (M,):
             raise ValueError(f"Scene.bending must have shape {(M,)}, but has {self.bending.shape}.")
         if self.viscosity_ratio is not None and self.viscosity_ratio.shape != (M,):
@@ -79,6 +83,18 @@ class Scene(Bounded):
             require("Scene.V_m", self.V_m, FINITE)
         if is_known(self.x):
             _check_start(np.asarray(self.x))
+
+    def _check_cell(self) -> None:
+        if not isinstance(self.cell, Cell | None):
+            raise refusal("Scene.cell", self.cell, "a cell, as Cell.of makes it, or None")
+        if self.cell is None:
+            return
+        if not isinstance(self.flow, Shear | None):
+            raise refusal("Scene.flow", self.flow, "Shear or None: in a periodic cell no other flow is supported")
+        if self.viscosity_ratio is not None:
+            raise refusal("Scene.viscosity_ratio", self.viscosity_ratio, "None in a periodic cell")
+        if self.field is not None and self.field.charge_relaxation is not None:
+            raise refusal("Scene.field.charge_relaxation", self.field.charge_relaxation, "None in a periodic cell")
 
     def is_valid(self) -> Bool[Array, ""]:
         """Returns whether numbers are within bounds and a run can start from the curves; may be traced.
@@ -110,6 +126,7 @@ def make_scene(
     viscosity_ratio=None,
     field: Field | None = None,
     flow: AbstractFlow | Callable[[Array, Array], Array] | None = None,
+    cell: Cell | None = None,
 ) -> Scene:
     """Builds a scene from one or more curves.
 
@@ -126,6 +143,7 @@ def make_scene(
         field: see `dc_field`.
         flow: `Shear`, `Extension`, `LinearFlow`, `Poiseuille`, one of them as `TimeDependent`, or a function v(x, t) in
             JAX of one point (2,).
+        cell: a periodic cell, see `Cell.of`; by default the vesicles are in the plane.
 
     Raises:
         ValueError: the shapes of the arguments do not fit together; a known number is out of its bounds; or a curve has
@@ -147,7 +165,7 @@ def make_scene(
         field = field.for_vesicles(M)
     if callable(flow) and not isinstance(flow, AbstractFlow):
         flow = FlowFunction(flow)
-    return Scene(as_float(x), bending, field, flow, viscosity_ratio=viscosity_ratio)
+    return Scene(as_float(x), bending, field, flow, viscosity_ratio=viscosity_ratio, cell=cell)
 
 
 def _for_each(name: str, value, M: int) -> PerVesicle:

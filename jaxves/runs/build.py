@@ -14,6 +14,8 @@ from jaxtyping import Array, Float
 
 from ..base.physical_numbers import PER_VESICLE
 from ..geometry import curve, outlines, shapes
+from ..geometry.domain import Cell
+from ..inputs.cell_tables import CellTable
 from ..inputs.parameters import with_numbers
 from ..inputs.scene_tables import (
     ExtensionFlow,
@@ -48,6 +50,7 @@ def build(scene_file: SceneFile) -> Scene:
         viscosity_ratio=_viscosity_ratio(scene_file.fluid, vesicles),
         field=_field(scene_file.field, vesicles),
         flow=_flow(scene_file.flow),
+        cell=_cell(scene_file.cell),
     )
 
 
@@ -113,6 +116,15 @@ def _viscosity_ratio(table: FluidTable | None, vesicles: tuple[VesicleTable, ...
         return None
     usual = 1.0 if table is None else table.viscosity_ratio
     return jnp.stack([as_float(usual if value is None else value) for value in own])
+
+
+def _cell(table: CellTable | None) -> Cell | None:
+    if table is None:
+        return None
+    components = [number for vector in table.lattice for number in vector]
+    if all(isinstance(number, float) for number in components):
+        return Cell.of(table.lattice)
+    return Cell.of(jnp.stack([as_float(number) for number in components]).reshape(2, 2))
 
 
 def _history(table: TimeTable | None) -> waveform.AbstractHistory | None:

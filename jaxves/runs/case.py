@@ -21,7 +21,7 @@ from ..numerics.linear import AbstractSolver, Dense
 from ..observables.checks import Checks
 from ..operators.interactions import AbstractCoupling
 from ..operators.pairs import Pairwise
-from ..operators.sums import MatrixFree, coupling_for
+from ..operators.sums import MatrixFree, coupling_for, coupling_in_cell
 from ..physics.scene import Scene
 from ..stepping import marching, schemes
 from ..stepping.adaptive import Adaptive
@@ -71,6 +71,8 @@ class Case(eqx.Module):
         """Returns the solver for the charge of one membrane and the coupling of several, as `[numerics]` asks for."""
         numerics = self.scene_file.numerics
         M, N, _ = scene.x.shape
+        if scene.cell is not None:
+            return None, coupling_in_cell(numerics.neighbours)
         match numerics.solver:
             case "dense":
                 return Dense(), Pairwise(direct=True)

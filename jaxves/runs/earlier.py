@@ -46,7 +46,7 @@ def started_from(path: str | Path, at: float | None, scene_file: SceneFile) -> t
     even = _evenly(finer_rows(fields[None], N)[0])
     try:
         V_m = even[..., 2] if has_potential else None
-        scene = Scene(even[..., :2], scene.bending, scene.field, scene.flow, V_m, scene.viscosity_ratio)
+        scene = Scene(even[..., :2], scene.bending, scene.field, scene.flow, V_m, scene.viscosity_ratio, scene.cell)
     except ValueError as error:
         raise StoreError(f"no run can start from {words}: {error}") from None
     return scene, words
