@@ -87,7 +87,7 @@ REDUCED_AREA = Number(
 
 VISCOSITY_RATIO = Number(
     "fluid", "viscosity_ratio", bounds.VISCOSITY_RATIO, "viscosity inside / outside",
-    letter="ν", symbol=r"$\nu$", example=10.0, in_laboratory_units="μ_i/μ", per_vesicle="viscosity_ratio", size=1.0,
+    letter="ν", symbol=r"$\nu$", example=10.0, per_vesicle="viscosity_ratio", size=1.0,
 )  # fmt: skip
 
 SEPARATION = Number(
