@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 from pydantic import ValidationError
-from scipy.stats import qmc
 
 from . import scene_files
 from .checking import SceneError, checked
@@ -141,6 +140,8 @@ def _fine(axis: Span | tuple[float, ...], levels: int) -> np.ndarray:
 
 def _sampled(sample: Sample) -> tuple[tuple[str, ...], np.ndarray]:
     names = tuple(sample.ranges)
+    from scipy.stats import qmc  # takes longer to import than everything else here
+
     sequence = qmc.Sobol if sample.sequence == "sobol" else qmc.Halton
     points = sequence(len(names), rng=np.random.default_rng(sample.seed)).random(sample.num)
     low, high = np.array([sample.ranges[name] for name in names]).T

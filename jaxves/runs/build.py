@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.arguments import is_known
 from ..base.physical_numbers import PER_VESICLE
 from ..geometry import curve, outlines, shapes
 from ..geometry.domain import Cell
@@ -36,6 +37,7 @@ from ..numerics.arrays import NodePoints, ScalarLike, as_float
 from ..physics import flow, waveform
 from ..physics.electric import Field
 from ..physics.scene import Scene, make_scene
+from .programs import compiled
 
 _NODES = 64  # first number of nodes for `nodes = "auto"`
 
@@ -70,7 +72,7 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
     angle = _radians(vesicle.angle)
     match vesicle:
         case EllipseVesicle():
-            x = shapes.ellipse(N, vesicle.reduced_area, angle=angle, length=vesicle.length)
+            x = _ellipse(N, vesicle.reduced_area, angle, vesicle.length)
         case CircleVesicle():
             x = shapes.rotated(shapes.circle(N, length=vesicle.length), angle)
         case PointsVesicle():
@@ -78,6 +80,19 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
     if isinstance(vesicle, DeformableVesicle) and vesicle.disturbance is not None:
         x = shapes.disturbed(x, vesicle.disturbance)
     return x + jnp.stack([as_float(component) for component in vesicle.center])
+
+
+def _ellipse(N: int, *numbers: ScalarLike) -> NodePoints:
+    """Returns `shapes.ellipse`. For known numbers it is a program that is compiled quickly and kept."""
+    if is_known(*numbers):
+        x = compiled(_drawn)(N, *np.asarray(numbers, dtype=float))
+        if np.all(np.isfinite(np.asarray(x))):
+            return x
+    return _drawn(N, *numbers)  # if there is no such ellipse, this says so
+
+
+def _drawn(N: int, reduced_area: ScalarLike, angle: ScalarLike, length: ScalarLike) -> NodePoints:
+    return shapes.ellipse(N, reduced_area, angle=angle, length=length)
 
 
 def _radians(degrees: ScalarLike) -> ScalarLike:
