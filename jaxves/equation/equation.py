@@ -35,7 +35,7 @@ from .implicit import Frozen, Implicit
 from .inextensible import Constraint, assembled_tension
 from .mobility import AbstractMobility, EqualViscosities
 from .projection import Filter
-from .shape_block import ShapeBlock
+from .shape_block import shape_block
 from .staged_charging import AbstractStagedCharging, electrics_for
 from .state import Motion, Unknowns
 from .symmetry import Symmetry
@@ -177,19 +177,19 @@ class Equation(eqx.Module):
         cuts = dict(cut=self.filter.x, surface_cut=self.filter.surface)
 
         def block(curve, slp, sigma, bending, constraint, inside):
-            return ShapeBlock.of(curve, slp, sigma, bending, constraint, inside, **cuts)
+            return shape_block(curve, slp, sigma, bending, constraint, inside, **cuts)
 
         parts = surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint, inside
-        blocks = jax.vmap(block)(*parts)
+        A_x = jax.vmap(block)(*parts)
         A_all = None
         # With two viscosities the interactions are not part of A: one matrix for all shapes would need D of all pairs.
         if self.coupling is not None and self.coupling.together and inside is None:
             A_all = self._all_shapes(motion, constraint)
         if self.electrics is None:
-            return Frozen(motion, constraint, blocks, A_all, None)
+            return Frozen(motion, constraint, A_x, A_all, None)
         A_scalars = self.electrics.linear_part(surfaces, charge)
         below = self.electrics.shape_part(surfaces, motion.electric, y.scalars, charge)
-        return Frozen(motion, constraint, blocks, A_all, A_scalars, below)
+        return Frozen(motion, constraint, A_x, A_all, A_scalars, below)
 
     def _all_shapes(self, motion: Motion, constraint: Constraint) -> Float[Array, "n n"]:
         """Returns A_x of all membranes as one matrix if any are near, otherwise zero."""

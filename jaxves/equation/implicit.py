@@ -16,46 +16,47 @@ from jaxtyping import Array, Bool, Float
 from ..numerics import linear
 from ..numerics.arrays import Scalar, VesicleNodes, VesiclePoints
 from .inextensible import Constraint
-from .shape_block import ShapeBlock
 from .state import Motion, Unknowns
 
 
 class Shifted(eqx.Module):
     """The factorised 1 - c A for the shapes: blocks, or one matrix (`whole`) while `near`.
 
-    `factors` belong to the small systems of the blocks. `whole` and `near` are None if one matrix is never used.
+    `whole` and `near` are None if one matrix is never used.
     """
 
-    blocks: ShapeBlock
-    factors: linear.AbstractFactoredDense
-    c: Scalar
+    blocks: linear.AbstractFactoredDense
     whole: linear.FactoredLU | None
     near: Bool[Array, ""] | None
 
     @classmethod
-    def of(cls, blocks: ShapeBlock, A: Float[Array, "n n"] | None, c: Scalar, near: Bool[Array, ""] | None):
+    def of(
+        cls,
+        blocks: linear.AbstractFactoredDense,
+        A: Float[Array, "n n"] | None,
+        c: Scalar,
+        near: Bool[Array, ""] | None,
+    ):
         """Factorises. `A` is zero while no pair is near; the factors of the identity are then used directly."""
-        factors = linear.factor_blocks(jax.vmap(lambda block: block.shifted(c))(blocks))
         if A is None:
-            return cls(blocks, factors, c, None, None)
+            return cls(blocks, None, None)
         one = jnp.eye(A.shape[0])
         shifted = linear.LinearOperator(one - c * A)
         trivial = linear.FactoredLU(shifted, one, jnp.arange(A.shape[0], dtype=jnp.int32))
-        return cls(blocks, factors, c, lax.cond(near, lambda: linear.Dense().factor(shifted), lambda: trivial), near)
+        return cls(blocks, lax.cond(near, lambda: linear.Dense().factor(shifted), lambda: trivial), near)
 
     def solve(self, r: VesiclePoints) -> VesiclePoints:
         """Returns (1 - c A)⁻¹ r."""
-        if self.whole is None:
-            return self._by_blocks(r)
-        return lax.cond(self.near, lambda: self._together(r), lambda: self._by_blocks(r))
-
-    def _by_blocks(self, r: VesiclePoints) -> VesiclePoints:
-        zeta = linear.solve_blocks(self.factors, self.c * jax.vmap(ShapeBlock.load)(self.blocks, r))
-        return r + jax.vmap(ShapeBlock.moved)(self.blocks, zeta)
-
-    def _together(self, r: VesiclePoints) -> VesiclePoints:
         M, N, _ = r.shape
-        d = self.whole.solve_columns(jnp.swapaxes(r, 1, 2).reshape(-1, 1))
+        b = jnp.swapaxes(r, 1, 2).reshape(M, 2 * N)
+        if self.whole is None:
+            d = linear.solve_blocks(self.blocks, b)
+        else:
+            d = lax.cond(
+                self.near,
+                lambda: self.whole.solve_columns(b.reshape(-1, 1)).reshape(b.shape),
+                lambda: linear.solve_blocks(self.blocks, b),
+            )
         return jnp.swapaxes(d.reshape(M, 2, N), 1, 2)
 
 
@@ -96,15 +97,15 @@ def _unstacked(values: Float[Array, "M n"], like: dict[str, VesicleNodes]) -> di
 class Frozen(eqx.Module):
     """The linear part at one instant, with the constraint for the projection.
 
-    `blocks` are for the shapes, one per membrane. `A_all` (2MN, 2MN) replaces them while membranes are near. It is zero
-    otherwise, and None if one matrix is never used. `A_scalars` (M, n, n) is for the scalars, in the order of
-    their names; None without scalars. `below` returns the rate of the scalars that a change (M, N, 2) of the shapes
-    causes at fixed scalars; None if it is treated explicitly.
+    `A_x` (M, 2N, 2N) is for the shapes, with one block per membrane. `A_all` (2MN, 2MN) replaces it while membranes are
+    near. It is zero otherwise, and None if one matrix is never used. `A_scalars` (M, n, n) is for the scalars, in the
+    order of their names; None without scalars. `below` returns the rate of the scalars that a change (M, N, 2) of the
+    shapes causes at fixed scalars; None if it is treated explicitly.
     """
 
     motion: Motion
     constraint: Constraint
-    blocks: ShapeBlock
+    A_x: Float[Array, "M n n"]
     A_all: Float[Array, "Mn Mn"] | None
     A_scalars: Float[Array, "M k k"] | None
     below: Callable[[VesiclePoints], dict[str, VesicleNodes]] | None = None
@@ -116,7 +117,7 @@ class Frozen(eqx.Module):
             return linear.factor_blocks(jnp.eye(A.shape[-1]) - c * A)
 
         near = None if self.A_all is None else self.motion.surfaces.interactions.any_near()
-        x = Shifted.of(self.blocks, self.A_all, c, near)
+        x = Shifted.of(shifted(self.A_x), self.A_all, c, near)
         below = None if self.below is None else jax.tree_util.Partial(_scaled, self.below, c)
         return Implicit(x, None if self.A_scalars is None else shifted(self.A_scalars), below)
 
