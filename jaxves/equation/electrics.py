@@ -78,7 +78,7 @@ class AbstractElectrics(eqx.Module):
         surfaces: Surfaces,
         found: AbstractElectric,
         scalars: dict[str, VesicleNodes],
-        factors: linear.AbstractFactored,
+        factors: linear.AbstractFactored | None,
     ) -> Callable[[VesiclePoints], dict[str, VesicleNodes]] | None:
         """Returns the function from a displacement (M, N, 2) to the change of `rates` at fixed scalars.
 
