@@ -46,7 +46,7 @@ _PUBLIC = {
     "physics.flow": ("Extension", "LinearFlow", "Poiseuille", "Shear", "TimeDependent"),
     "physics.scene": ("Scene", "dc_field", "make_scene"),
     "physics.units": ("LabQuantities",),
-    "physics.waveform": ("PiecewiseLinear", "Pulse", "Sine"),
+    "physics.waveform": ("AC", "PiecewiseLinear", "Pulse", "Sine"),
     "operators.pairs": ("Pairwise",),
     "operators.sums": ("MatrixFree",),
     "numerics.linear": ("Dense", "GMRES"),

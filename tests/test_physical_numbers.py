@@ -125,7 +125,7 @@ def all_tables(module):
 PLACE = {
     "VesicleTable": "vesicle", "DeformableVesicle": "vesicle", "EllipseVesicle": "vesicle", "CircleVesicle": "vesicle",
     "PointsVesicle": "vesicle", "PairTable": "pair", "FieldTable": "field", "TimeTable": "field.time",
-    "ConstantTime": "field.time", "PulseTime": "field.time", "SineTime": "field.time", "TabulatedTime": "field.time",
+    "ConstantTime": "field.time", "PulseTime": "field.time", "SineTime": "field.time", "AcTime": "field.time", "TabulatedTime": "field.time",
     "FluidTable": "fluid", "FlowTable": "flow", "ShearFlow": "flow", "ExtensionFlow": "flow", "LinearFlow": "flow",
     "PoiseuilleFlow": "flow",
 }  # fmt: skip
@@ -133,7 +133,7 @@ NOT_PHYSICAL = {"SceneFile", "NumericsTable", "StopTable", "CellTable", "Suspens
 # Vectors, lists, words and tables.
 OTHER_KEYS = {
     "shape", "kind", "center", "relaxed", "file", "points", "modes", "flip_y", "direction", "time", "gradient", "times",
-    "values",
+    "values", "averaged",
 }  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import shapes
 from jaxves.observables.of_suspension import stress
+from jaxves.observables.rotor import rotor_threshold, threshold_of
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import dc_field, make_scene
 
@@ -41,8 +42,13 @@ def speed(beta, Ca, ratio, conductance, delta, epsilon, low, high):
     return brentq(lacking, low, high, xtol=1e-13)
 
 
+def on_circle(*numbers):
+    """Calls `_on_circle` with arrays, so that it is compiled once."""
+    return _on_circle(*map(jnp.asarray, numbers))
+
+
 @eqx.filter_jit
-def on_circle(beta, Ca, ratio, conductance, delta, epsilon, Q, W):
+def _on_circle(beta, Ca, ratio, conductance, delta, epsilon, Q, W):
     """Angular velocity, rates of Q and W at fixed places, stress; Q and W are (N,) on a circle, the field along x."""
     field = dc_field(
         beta, conductivity_ratio=ratio, membrane_conductance=conductance, chi=CHI, charge_relaxation=delta,
@@ -78,16 +84,26 @@ def test_a_circle_in_shear_and_field_turns_steadily_and_memory_of_charge_lowers_
 
 
 def threshold(ratio, conductance, delta, epsilon):
-    """β_Q, infinite if rest is stable for every field."""
-    # both sides times G², so that G = 0 is no special case
-    G = conductance
-    bracket = 1 - delta * G + G**2 * (-delta / ratio + delta * epsilon / ratio**2)
-    d0 = G + 1 + G / ratio
-    return d0**2 / bracket if bracket > 0 else np.inf
+    return rotor_threshold(ratio, conductance, delta=delta, permittivity_ratio=epsilon)
+
+
+def test_limits_of_the_threshold():
+    """The paper's model, the rotor without membrane (Re_E = βδ), and a vesicle with a capacitance of its own."""
+    np.testing.assert_allclose(rotor_threshold(0.5, 0.2), (1 + 0.2 * 1.5 / 0.5) ** 2)
+    np.testing.assert_allclose(0.1 * threshold(0.5, 1e9, 0.1, 2.0), 1.5**2 / 1.5, rtol=1e-6)
+    field = {"chi": 0.1, "conductivity_ratio": 0.5, "membrane_conductance": 0.2, "permittivity_ratio": 1.0}
+    tables = {"field": field | {"charge_relaxation": 0.02}, "vesicle": [{"chi": 0.2}]}
+    np.testing.assert_allclose(threshold_of(tables), 0.5 * threshold(0.5, 0.2, 0.01, 1.0))
+    assert threshold_of({"vesicle": [{}]}) is None
+
+
+def growth_matrix(*numbers):
+    """Calls `_growth_matrix` with arrays, so that it is compiled once."""
+    return _growth_matrix(*map(jnp.asarray, numbers))
 
 
 @eqx.filter_jit
-def growth_matrix(beta, ratio, conductance, delta, epsilon, Q0, W0):
+def _growth_matrix(beta, ratio, conductance, delta, epsilon, Q0, W0):
     """The linear map of disturbances of Q and W across the field to their rates, (2, 2)."""
     sine, cosine = jnp.asarray(CIRCLE[:, 1]), jnp.asarray(CIRCLE[:, 0])
 

@@ -14,6 +14,7 @@ from rich.table import Table
 from ..base import status
 from ..observables import classes, pair_classes
 from ..observables.certificate import certificate, weakest
+from ..observables.rotor import threshold_of
 from ..results.ownership import writer_of
 from ..results.run_store import Record
 
@@ -57,6 +58,13 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
         yield f"started from {origin} instead of the shapes of the scene"
     if kept := record.attributes.get("symmetry"):
         yield f"kept symmetric {kept}, like its start: set `disturbance` to test whether this motion is stable"
+        tables = tomllib.loads(record.scene)
+        threshold = threshold_of(tables)
+        if threshold is not None and tables["field"]["beta"] > threshold:
+            yield (
+                f"β = {tables['field']['beta']:.3g} exceeds {threshold:.3g}, beyond which a round vesicle with these "
+                "numbers turns by itself (Quincke rotation). The kept symmetry excludes this: set `disturbance`."
+            )
     if "deformation_along_field" in record.diagnostics:
         codes = classes.classify(record.diagnostics["deformation_along_field"])
         yield "class: " + ", ".join(classes.NAMES[code] for code in codes)

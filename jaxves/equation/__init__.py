@@ -3,6 +3,7 @@
 state           the unknowns, and all quantities at one instant
 electrics       charging of the membranes and electric force
 staged_charging charging that is solved within the stages of a step: charge relaxation
+averaged_charging   the same for the envelope of an AC field; the choice of the model
 normal_field    the integral equation for the normal field of all membranes
 charging_of_shape  how charging changes when a membrane moves, for the linear part
 mobility        velocities from forces

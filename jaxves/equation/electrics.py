@@ -40,7 +40,11 @@ class AbstractElectric(eqx.Module):
 
     @abc.abstractmethod
     def potential(self, scalars: dict[str, VesicleNodes]) -> VesicleNodes:
-        """Returns V_m (M, N); `scalars` are those of the state."""
+        """Returns V_m (M, N); `scalars` are those of the state. In a field averaged over its period it is the mean."""
+
+    def greatest_potential(self, scalars: dict[str, VesicleNodes]) -> VesicleNodes:
+        """Returns V_m (M, N), or the greatest value of |V_m| in a period if the field is averaged over it."""
+        return self.potential(scalars)
 
 
 class AbstractElectrics(eqx.Module):

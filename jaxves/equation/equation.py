@@ -28,6 +28,7 @@ from ..physics import membrane, rigid
 from ..physics.scene import Scene
 from ..potentials.self_refined import Refinement
 from . import cells, linear_part, projection
+from .averaged_charging import electrics_for
 from .contrast import ViscosityContrast
 from .coupled import worst
 from .electrics import AbstractElectrics
@@ -36,7 +37,7 @@ from .inextensible import Constraint, assembled_tension
 from .mobility import AbstractMobility, EqualViscosities
 from .projection import Filter
 from .shape_block import shape_block
-from .staged_charging import AbstractStagedCharging, electrics_for
+from .staged_charging import AbstractStagedCharging
 from .state import Motion, Unknowns
 from .symmetry import Symmetry
 
@@ -87,7 +88,9 @@ class Equation(eqx.Module):
 
     def rate(self, t: Scalar, y: Unknowns) -> Unknowns:
         """Returns F(y). It is NaN if there are too many near pairs, which would make it wrong."""
-        motion = self.motion(t, y)
+        return self._sound_rate(t, self.motion(t, y))
+
+    def _sound_rate(self, t: Scalar, motion: Motion) -> Unknowns:
         rate = self._rate(t, motion)
         across = motion.surfaces.interactions
         if across is None or across.crowded is None:
@@ -107,15 +110,7 @@ class Equation(eqx.Module):
         start = jax.tree.map(jnp.add, y.scalars, r.scalars)
         motion, *_ = self._motion(t, Unknowns(y.x + dx, start), factored=False, c=c)
         scalars = jax.tree.map(lambda r, rate: r + c * rate, r.scalars, motion.rates)
-        return Unknowns(dx, scalars, r.integrals), self._rate(t, motion)
-
-    def parts(self, rate: Unknowns) -> tuple[Unknowns, Unknowns]:
-        """Returns the explicit and the implicit part of F(y) at the start of a step, if the equation `is_staged`.
-
-        The rates of the scalars are wholly implicit.
-        """
-        zero = jax.tree.map(jnp.zeros_like, rate)
-        return Unknowns(rate.x, zero.scalars, rate.integrals), Unknowns(zero.x, rate.scalars, zero.integrals)
+        return Unknowns(dx, scalars, r.integrals), self._sound_rate(t, motion)
 
     def _rate(self, t: Scalar, motion: Motion) -> Unknowns:
         integrals = {} if self.integrands is None else self.integrands(motion, self.scene, t)

@@ -20,8 +20,7 @@ from ..operators.surfaces import Surfaces
 from ..physics import electric
 from ..physics.charging import Densities, Relaxed, Relaxing
 from ..physics.electric import Field, SurfaceFields
-from ..physics.scene import Scene
-from .electrics import AbstractElectric, AbstractElectrics, MembraneCharging
+from .electrics import AbstractElectric, AbstractElectrics
 from .normal_field import solve_normal_field
 
 
@@ -36,11 +35,15 @@ class StagedElectric(AbstractElectric):
     fields: SurfaceFields
     V_m: VesicleNodes
     V_m_square: VesicleNodes
+    V_m_greatest: VesicleNodes
     found: dict[str, VesicleNodes]
     scalar_rates: dict[str, VesicleNodes]
 
     def potential(self, scalars):
         return self.V_m
+
+    def greatest_potential(self, scalars):
+        return self.V_m_greatest
 
 
 class AbstractStagedCharging(AbstractElectrics):
@@ -82,22 +85,29 @@ class ChargeRelaxation(AbstractStagedCharging):
         zero = jnp.zeros(scene.x.shape[:2])
         if scene.V_m is None:
             return {"Q": zero, "W": zero}
-        found = Relaxed(self.field).densities({"V_m": scene.V_m}, jnp.zeros(()))
-        g, _ = _real(surfaces(), self.field.E_inf(jnp.zeros(())), found, direct=False)
-        return Relaxing(self.field).charged(scene.V_m, g)
+        return with_potential(Relaxing(self.field), scene.V_m, surfaces(), self.field.E_inf(jnp.zeros(())))
 
     def solve_stage(self, t, surfaces, start, c, *, direct):
         law = Relaxing(self.field)
         densities = law.densities(start, c)
-        g, solution = _real(surfaces, self.field.E_inf(t), densities, direct=direct)
+        g, solution = real_normal_field(surfaces, self.field.E_inf(t), densities, direct=direct)
         q, V = densities.q.at(g), densities.V.at(g)
         scalars = {name: scalar.at(g) for name, scalar in densities.scalars.items()}
         fields = surface_fields(surfaces, self.field.E_inf(t), g, q, V)
         traction = self.field.stress_scale() * mean_traction(surfaces, fields, self.field)
-        return StagedElectric(q, traction, fields, V, V**2, scalars, law.rates(scalars, V, g)), solution
+        return StagedElectric(q, traction, fields, V, V**2, V, scalars, law.rates(scalars, V, g)), solution
 
 
-def _real(
+def with_potential(
+    law: Relaxed | Relaxing, V_m: VesicleNodes, surfaces: Surfaces, E_inf: Float[Array, "2"]
+) -> dict[str, VesicleNodes]:
+    """Returns the scalars of `law` for this potential in the field E_inf, with relaxed charge in the fluids."""
+    found = Relaxed(law.field).densities({"V_m": V_m}, jnp.zeros(()))
+    g, _ = real_normal_field(surfaces, E_inf, found, direct=False)
+    return law.charged(V_m, g)
+
+
+def real_normal_field(
     surfaces: Surfaces, E_inf: Float[Array, "2"], densities: Densities, *, direct: bool
 ) -> tuple[VesicleNodes, linear.Solution]:
     """Returns the mean normal field g (M, N) of one real component, and the linear solution."""
@@ -121,13 +131,3 @@ def surface_fields(
 def mean_traction(surfaces: Surfaces, fields: SurfaceFields, field: Field) -> VesiclePoints:
     """Returns the Maxwell traction of these fields in units of ε_e|E_∞|²."""
     return jax.vmap(electric.maxwell_traction)(surfaces.curves, fields, field.permittivity_ratio)
-
-
-def electrics_for(scene: Scene, solver: linear.AbstractSolver, cut: int) -> AbstractElectrics | None:
-    """Returns the electric model of a scene, None without a field. `cut` modes are removed from rates."""
-    field = scene.field
-    if field is None:
-        return None
-    if field.charge_relaxation is not None:
-        return ChargeRelaxation(field, cut)
-    return MembraneCharging(field, solver, cut)

@@ -1,6 +1,7 @@
 """The unknowns of the equation of motion, and all quantities at one instant."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -25,6 +26,11 @@ class Unknowns(eqx.Module):
     def of(cls, x: VesiclePoints, V_m: VesicleNodes | None = None) -> "Unknowns":
         """Returns the unknowns with nodes (M, N, 2) and, if there is a field, the transmembrane potential (M, N)."""
         return cls(x, {} if V_m is None else {"V_m": V_m})
+
+    def shapes_and_scalars(self) -> tuple["Unknowns", "Unknowns"]:
+        """Returns two parts whose sum this is: shapes and integrals, and the scalars alone. The rest is zero."""
+        zero = jax.tree.map(jnp.zeros_like, self)
+        return Unknowns(self.x, zero.scalars, self.integrals), Unknowns(zero.x, self.scalars, zero.integrals)
 
     @property
     def V_m(self) -> VesicleNodes | None:

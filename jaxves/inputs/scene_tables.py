@@ -11,10 +11,10 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..base import physical_numbers
-from ..base.bounds import RATIO_OF_RELAXING
 from ..geometry import outlines
 from .cell_tables import CellTable, SuspensionTable, check_beside_cell, with_copies
 from .checking import Table, choice, one_of, refusal
+from .field_checks import check_field
 from .key_types import (
     Count,
     Direction,
@@ -84,6 +84,13 @@ class SineTime(TimeTable):
     phase: key(physical_numbers.PHASE)
 
 
+class AcTime(SineTime):
+    """offset + amplitude · cos(2π frequency t + phase), the phase in degrees; resolved, or averaged over the period."""
+
+    kind: Literal["ac"] = "ac"
+    averaged: Flag = False
+
+
 class TabulatedTime(TimeTable):
     """Linear between the given times, constant before and after."""
 
@@ -108,7 +115,7 @@ class FieldTable(Table):
     permittivity_ratio: key(physical_numbers.PERMITTIVITY_RATIO)
     charge_relaxation: optional_key(physical_numbers.CHARGE_RELAXATION)
     direction: Direction = (0.0, 1.0)
-    time: choice(ConstantTime, PulseTime, SineTime, TabulatedTime) | None = None
+    time: choice(ConstantTime, PulseTime, SineTime, AcTime, TabulatedTime) | None = None
 
 
 class FluidTable(Table):
@@ -254,8 +261,8 @@ class SceneFile(Table):
             raise refusal(f"exactly one [[vesicle]] to copy, not {len(self.vesicle)}", "pair", {})
         if self.field is None:
             self._has_nothing_electric()
-        elif self.field.charge_relaxation is not None:
-            self._relaxes()
+        else:
+            check_field(self.field, self.vesicle, self.numerics, self.cell)
         if self.cell is not None:
             check_beside_cell(self)
         self._is_clear_of_contact()
@@ -269,16 +276,6 @@ class SceneFile(Table):
                     raise refusal(f"a [field], without which no {name} matters", f"vesicle[{i}].{name}", value)
         if self.stop is not None and self.stop.class_ is not None:
             raise refusal("a [field], along which a vesicle is prolate or oblate", "stop.class", self.stop.class_)
-
-    def _relaxes(self) -> None:
-        limits = RATIO_OF_RELAXING
-        for place, table in (("field", self.field), *((f"vesicle[{i}]", v) for i, v in enumerate(self.vesicle))):
-            value = table.conductivity_ratio
-            if value is not None and not limits.hold(value):
-                raise refusal(limits.expected, f"{place}.conductivity_ratio", value)
-        if self.numerics.method == "euler":
-            wanted = '"auto", "ark4" or "ark5", because charge_relaxation is given'
-            raise refusal(wanted, "numerics.method", self.numerics.method)
 
     def _is_clear_of_contact(self) -> None:
         vesicles = self.vesicles()

@@ -46,8 +46,9 @@ relaxed = false              # true: relax to equilibrium before the run, withou
 # {field.charge_relaxation}
 direction = [0.0, 1.0]
 
-# [field.time]               # a factor on the field: constant, pulse, sine or table
-# kind = "pulse"             # with linear flanks; or "sine" with the keys after ## instead
+# [field.time]               # a factor on the field: constant, pulse, sine, ac or table
+# kind = "pulse"             # with linear flanks; or "sine" or "ac" (a cosine) with the keys after ## instead;
+                             # with "ac" also averaged = true: the force is averaged over the period
 # {field.time.start}
 # {field.time.duration}
 # {field.time.rise}

@@ -69,7 +69,7 @@ def of_shapes(instant: Instant, found) -> dict[str, Array]:
 def of_extremes(instant: Instant, found) -> dict[str, Array]:
     """Extremes of the interpolants along the membranes."""
     motion = instant.motion
-    V_m = None if motion.electric is None else motion.electric.potential(instant.y.scalars)
+    V_m = None if motion.electric is None else motion.electric.greatest_potential(instant.y.scalars)
     values = motion.surfaces.curves, motion.sigma, instant.scene.bending, V_m
     return jax.vmap(extremes.over_membrane)(*values)
 

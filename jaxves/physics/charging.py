@@ -25,6 +25,7 @@ from jaxtyping import Array, Inexact
 from ..numerics.arrays import Scalar
 from .electric import Field, inner_share
 
+Shift = Inexact[Array, ""] | float
 Coefficients = Inexact[Array, "M"] | Inexact[Array, "M 1"]
 Values = Inexact[Array, "M N"]
 
@@ -58,7 +59,7 @@ class Relaxed(NamedTuple):
         """Returns the scalars for this potential, with relaxed charge at the mean normal field g."""
         return {"V_m": V_m}
 
-    def densities(self, start: dict[str, Values], c: Scalar, shift: Scalar | complex = 0.0) -> Densities:
+    def densities(self, start: dict[str, Values], c: Scalar, shift: Shift = 0.0) -> Densities:
         """Returns q, V and the scalars of a stage as functions of g, from `start` = s_0."""
         field = self.field
         chi = field.membrane_chi[:, None]
@@ -68,7 +69,7 @@ class Relaxed(NamedTuple):
         q = Affine(jnp.zeros_like(V.value), 2 * field.contrast()[:, None])
         return Densities(q, V, {"V_m": V})
 
-    def rates(self, found: dict[str, Values], V: Values, g: Values, shift: Scalar | complex = 0.0):
+    def rates(self, found: dict[str, Values], V: Values, g: Values, shift: Shift = 0.0):
         """Returns s' at the scalars `found`, the potential V and the mean normal field g."""
         field = self.field
         share = inner_share(field.conductivity_ratio)[:, None]
@@ -90,7 +91,7 @@ class Relaxing(NamedTuple):
         ratio, conductance, chi, epsilon = (part[:, None] for part in parts)
         return ratio, conductance, chi, epsilon, (epsilon - 1) / (epsilon + 1), t_c / chi, t_c
 
-    def densities(self, start: dict[str, Values], c: Scalar, shift: Scalar | complex = 0.0) -> Densities:
+    def densities(self, start: dict[str, Values], c: Scalar, shift: Shift = 0.0) -> Densities:
         """Returns q, V and the scalars of a stage as functions of g, from `start` = s_0."""
         ratio, conductance, chi, epsilon, eta, delta, t_c = self._numbers()
         both = 1 + epsilon
@@ -106,7 +107,7 @@ class Relaxing(NamedTuple):
         q = Affine(2 * Q.value / both, 2 * Q.slope / both + 2 * eta)
         return Densities(q, V, {"Q": Q, "W": W})
 
-    def rates(self, found: dict[str, Values], V: Values, g: Values, shift: Scalar | complex = 0.0):
+    def rates(self, found: dict[str, Values], V: Values, g: Values, shift: Shift = 0.0):
         """Returns s' at the scalars `found`, the potential V and the mean normal field g."""
         ratio, conductance, chi, epsilon, _, _, t_c = self._numbers()
         inner, outer = (2 * g - found["Q"]) / (1 + epsilon), (2 * epsilon * g + found["Q"]) / (1 + epsilon)

@@ -101,6 +101,10 @@ class Field(Bounded):
         direction = self.unit_direction()
         return direction if self.history is None else self.history(t) * direction
 
+    def period(self) -> Scalar | None:
+        """Returns the period of the field in units of t_κ; None if it has none, or is averaged over it."""
+        return None if self.history is None else self.history.period()
+
     def stress_scale(self) -> Scalar:
         """Returns β/χ, the Maxwell stress of the reference field in units of the bending stress κ_B/a³."""
         return self.beta / self.chi

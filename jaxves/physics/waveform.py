@@ -34,6 +34,10 @@ class AbstractHistory(Bounded):
     def breakpoints(self) -> Float[Array, "B"]:
         """Returns the times of kinks or jumps, in order."""
 
+    def period(self) -> Scalar | None:
+        """Returns the period of the factor in units of t_κ, None if it has none."""
+        return None
+
 
 class Pulse(AbstractHistory):
     """0 before `start`, 1 after a linear rise of length `rise`, and 0 again from `start + duration + rise` on.
@@ -71,6 +75,44 @@ class Sine(AbstractHistory):
 
     def breakpoints(self):
         return jnp.zeros(0)
+
+    def period(self):
+        return 1 / self.frequency
+
+
+class AC(AbstractHistory):
+    """offset + amplitude · cos(2π frequency t + phase); frequency in 1/t_κ, phase in radians.
+
+    With `averaged`, the electric quantities are complex envelopes and the force is its mean over a period
+    (`equation/averaged_charging.py`). The factor is then the offset, and time steps may be longer than the period.
+    """
+
+    bounds: ClassVar = {number.key: number.bounds for number in (FREQUENCY, AMPLITUDE, OFFSET, PHASE)}
+
+    frequency: Scalar = eqx.field(converter=as_float)
+    amplitude: Scalar = eqx.field(converter=as_float, default=AMPLITUDE.default)
+    offset: Scalar = eqx.field(converter=as_float, default=OFFSET.default)
+    phase: Scalar = eqx.field(converter=as_float, default=PHASE.default)
+    averaged: bool = eqx.field(static=True, default=False)
+
+    def __call__(self, t):
+        if self.averaged:
+            return self.offset
+        return self.offset + self.amplitude * jnp.cos(self.angular_frequency() * t + self.phase)
+
+    def angular_frequency(self) -> Scalar:
+        """Returns ω in units of 1/t_κ."""
+        return 2 * jnp.pi * self.frequency
+
+    def envelope(self) -> tuple[Scalar, Scalar]:
+        """Returns the real and the imaginary part of Ê, where the factor is offset + Re[Ê e^{iωt}]."""
+        return self.amplitude * jnp.cos(self.phase), self.amplitude * jnp.sin(self.phase)
+
+    def breakpoints(self):
+        return jnp.zeros(0)
+
+    def period(self):
+        return None if self.averaged else 1 / self.frequency
 
 
 class PiecewiseLinear(AbstractHistory):

@@ -34,6 +34,12 @@ SCALARS = {
     "Q": Description("eps_e E_inf", "charge of the interface, both faces together", _NODES),
     "W": Description("a E_inf", "half the difference of the charges of the faces, over C_m", _NODES),
 }
+# In an AC field that is averaged over its period, envelopes: the scalar is its mean + Re[(real + i imag) e^{iωt}].
+SCALARS |= {
+    f"{name}_{part}": Description(of.units, f"{part} part of the envelope of {name}", _NODES)
+    for name, of in (*SCALARS.items(), ("V_m", HISTORY["V_m"]))
+    for part in ("real", "imag")
+}
 
 _DIAGNOSTICS = "diagnostics/"  # where a file has the diagnostics of the saved times
 _SCALARS = "scalars/"  # where it has the scalars besides V_m

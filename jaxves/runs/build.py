@@ -19,6 +19,7 @@ from ..geometry.domain import Cell
 from ..inputs.cell_tables import CellTable
 from ..inputs.parameters import with_numbers
 from ..inputs.scene_tables import (
+    AcTime,
     ExtensionFlow,
     FieldTable,
     FlowTable,
@@ -146,6 +147,9 @@ def _history(table: TimeTable | None) -> waveform.AbstractHistory | None:
     match table:
         case PulseTime():
             return waveform.Pulse(table.start, table.duration, table.rise)
+        case AcTime():
+            numbers = table.frequency, table.amplitude, table.offset, _radians(table.phase)
+            return waveform.AC(*numbers, averaged=table.averaged)
         case SineTime():
             return waveform.Sine(table.frequency, table.amplitude, table.offset, _radians(table.phase))
         case TabulatedTime():

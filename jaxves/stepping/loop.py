@@ -22,6 +22,7 @@ def initial_state(equation: Equation, march: AbstractMarch, average: Array | Non
     """Returns the state at t = 0. Its status is INVALID if a run cannot start from the scene."""
     y = equation.start()
     zero = jnp.zeros(())
+    average = whole_periods(equation.scene, average)
     window = None
     if average is not None:
         integrals = jax.tree.map(lambda leaf: jnp.zeros((2, *leaf.shape)), y.integrals)
@@ -41,8 +42,19 @@ def initial_state(equation: Equation, march: AbstractMarch, average: Array | Non
     )
 
 
+def whole_periods(scene: Scene, average: Array | None) -> Array | None:
+    """Returns the averaging window, shortened at its end to whole periods of the field if it contains one."""
+    period = None if scene.field is None else scene.field.period()
+    if average is None or period is None:
+        return average
+    start, end = as_float(average)
+    count = jnp.floor((end - start) / period * (1 + 1e-12))
+    return jnp.stack([start, jnp.where(count >= 1, start + count * period, end)])
+
+
 def stops_of(scene: Scene, t_end, average=None) -> Float[Array, "S"]:
     """Returns the times at which steps must end: kinks of field and flow, ends of the averaging window, and `t_end`."""
+    average = whole_periods(scene, average)
     stops = [jnp.reshape(as_float(t_end), (1,))]
     if scene.field is not None and scene.field.history is not None:
         stops.append(scene.field.history.breakpoints())

@@ -95,8 +95,8 @@ class AdditiveRungeKutta(AbstractStepper):
 
         # N and L of all stages are zero until they are known. Every row of the tableau is then a complete sum, and all
         # stages use the same compiled code.
-        if equation.is_staged:
-            explicit, implicit = (jax.tree.map(history, part) for part in equation.parts(first))
+        if equation.is_staged:  # the scalars are wholly implicit
+            explicit, implicit = (jax.tree.map(history, part) for part in first.shapes_and_scalars())
         else:
             explicit = jax.tree.map(history, first)
             implicit = jax.tree.map(jnp.zeros_like, explicit)
