@@ -15,6 +15,7 @@ from experiments import (
     beside_older,
     beside_others,
     close_evaluation,
+    fast_sums,
     order_in_time,
     pop_and_budding,
     safeguards,
@@ -176,6 +177,14 @@ def test_vesicles_of_a_suspension_keep_their_distance():
         np.min(np.linalg.norm(x[i][:, None] - x[j][None], axis=-1)) for i in range(9) for j in range(i + 1, 9)
     )
     assert scale.GAP <= nearest < 3 * scale.GAP
+
+
+def test_fast_sums_have_the_error_that_is_asked_for():
+    (row,) = fast_sums.run(**fast_sums.QUICK)
+    assert max(row["error of velocity"], row["error of gradient"]) < row["tolerance"]
+    assert not row["lists too short"]
+    assert all(seconds > 0 for seconds in row["seconds"].values())
+    fast_sums.draw([row])
 
 
 @pytest.mark.slow

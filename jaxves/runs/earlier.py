@@ -40,6 +40,8 @@ def started_from(path: str | Path, at: float | None, scene_file: SceneFile) -> t
     if record.x.shape[1] != M:
         raise StoreError(f"{path} holds {record.x.shape[1]} vesicles, but the scene has {M}: expected as many.")
     scene, words = build(scene_file), f"{path} at t = {record.t[row]:.12g}"
+    if scene.cell is not None and scene.flow is not None and record.t[row] > 0:
+        raise StoreError(f"no run can start from {words}: the shear has carried the lattice of the cell along.")
     N = _nodes(scene_file, int(record.nodes[row].max()))
     has_potential = scene.field is not None and record.V_m is not None
     fields = np.concatenate([record.x[row], record.V_m[row][..., None]], -1) if has_potential else record.x[row]
