@@ -103,6 +103,8 @@ def meaning(path: str, key: str) -> str:
     declared = physical_numbers.declared(f"{path}.{key}")
     if path == "axes" and key == "start":
         return "first value"
+    if path == "vesicle.disturbance" and key == "modes":
+        return "the highest mode of the undulations"
     if declared is not None:
         unit = f", in {declared.unit}" if declared.unit else ""
         return f"{declared.description()}{unit}"
@@ -132,7 +134,7 @@ def of_table(model: type[Table], heading: str, path: str, level: int = 2) -> str
     for name, field in model.model_fields.items():
         key = field.alias or name
         inner = tables_in(field.annotation)
-        if not inner:
+        if not inner or float in _inside(field.annotation):  # a number, or a table
             rows.append((f"`{key}`", meaning(path, key), expected(field), _default(field)))
         for kind in inner:
             inside = f"{path}.{key}".removeprefix(".") if path != "scene" else key

@@ -41,7 +41,7 @@ _PUBLIC = {
     "geometry.curve": ("Curve",),
     "geometry.domain": ("Cell",),
     "geometry.placement": ("random_suspension",),
-    "geometry.shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points"),
+    "geometry.shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points", "undulated"),
     "physics.electric": ("Field",),
     "physics.flow": ("Extension", "LinearFlow", "Poiseuille", "Shear", "TimeDependent"),
     "physics.scene": ("Scene", "dc_field", "make_scene"),

@@ -33,6 +33,8 @@ PYTHON = {
     "vesicle.length": lambda v: shapes.ellipse(16, 0.9, length=v),
     "vesicle.bending": lambda v: jaxves.make_scene(E, bending=v),
     "vesicle.disturbance": lambda v: shapes.disturbed(E, v),
+    "vesicle.disturbance.temperature": lambda v: shapes.undulated(E, temperature=v, modes=4),
+    "vesicle.disturbance.tension": lambda v: shapes.undulated(E, temperature=0.01, tension=v, modes=4),
     "vesicle.reduced_area": lambda v: shapes.ellipse(16, v),
     "field.beta": lambda v: jaxves.dc_field(v, conductivity_ratio=0.1),
     "field.conductivity_ratio": lambda v: jaxves.dc_field(1.0, conductivity_ratio=v),
@@ -59,6 +61,8 @@ def scene_file(number, value, of_vesicle=False):
     tables = {"t_end": 1.0, "vesicle": [{"reduced_area": 0.9}]}
     if number.table == "vesicle" or of_vesicle:
         tables["vesicle"][0][number.key] = value
+    if number.table == "vesicle.disturbance":
+        tables["vesicle"][0]["disturbance"] = {"temperature": 0.01, "modes": 4} | {number.key: value}
     if number.table.startswith("field"):
         tables["field"] = FIELD | ({number.key: value} if number.table == "field" and not of_vesicle else {})
     if number.table == "field.time":
@@ -124,16 +128,18 @@ def all_tables(module):
 
 PLACE = {
     "VesicleTable": "vesicle", "DeformableVesicle": "vesicle", "EllipseVesicle": "vesicle", "CircleVesicle": "vesicle",
-    "PointsVesicle": "vesicle", "PairTable": "pair", "FieldTable": "field", "TimeTable": "field.time",
-    "ConstantTime": "field.time", "PulseTime": "field.time", "SineTime": "field.time", "AcTime": "field.time", "TabulatedTime": "field.time",
+    "PointsVesicle": "vesicle", "UndulationTable": "vesicle.disturbance",
+    "PairTable": "pair", "FieldTable": "field", "TimeTable": "field.time",
+    "ConstantTime": "field.time", "PulseTime": "field.time", "SineTime": "field.time",
+    "AcTime": "field.time", "TabulatedTime": "field.time",
     "FluidTable": "fluid", "FlowTable": "flow", "ShearFlow": "flow", "ExtensionFlow": "flow", "LinearFlow": "flow",
     "PoiseuilleFlow": "flow",
 }  # fmt: skip
 NOT_PHYSICAL = {"SceneFile", "NumericsTable", "StopTable", "CellTable", "SuspensionTable"}
 # Vectors, lists, words and tables.
 OTHER_KEYS = {
-    "shape", "kind", "center", "relaxed", "file", "points", "modes", "flip_y", "direction", "time", "gradient", "times",
-    "values", "averaged",
+    "shape", "kind", "center", "relaxed", "file", "points", "modes", "seed", "flip_y", "direction", "time", "gradient",
+    "times", "values", "averaged",
 }  # fmt: skip
 
 
@@ -208,7 +214,7 @@ def test_the_numbers_from_the_laboratory_are_declared_under_their_keys():
 
 def test_differences_are_one_sided_only_where_the_bounds_end():
     assert {number.key for number in NUMBERS if number.lowest == 0.0} == {
-        "beta", "conductivity_ratio", "membrane_conductance",
+        "beta", "conductivity_ratio", "membrane_conductance", "tension",
     }  # fmt: skip
     assert {number.key for number in NUMBERS if number.size == 10.0} == {
         number.key for number in NUMBERS if number.unit == "degrees"

@@ -5,4 +5,5 @@ bounds      the allowed values of each kind of number; no JAX
 physical_numbers    every physical number of a scene, declared once; no JAX
 jax_parts   parts of JAX that are not public, with a guard for each
 arguments   checks of the arguments of Python functions
+resolution        modes of a shape that its nodes keep
 """

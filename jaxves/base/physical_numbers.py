@@ -80,6 +80,14 @@ DISTURBANCE = Number(
     "vesicle", "disturbance", bounds.FINITE, "disturbance of the shape",
     symbol="disturbance", unit="a", example=1e-6, note="breaks its symmetry; shows whether the motion is unstable",
 )  # fmt: skip
+TEMPERATURE = Number(
+    "vesicle.disturbance", "temperature", bounds.POSITIVE, "thermal energy / bending stiffness",
+    letter="θ", symbol=r"$k_B T/\kappa_B$", example=0.04, in_laboratory_units="k_B T/κ_B", size=0.01,
+)  # fmt: skip
+TENSION = Number(
+    "vesicle.disturbance", "tension", bounds.NOT_NEGATIVE, "tension of the undulating membrane before the run",
+    symbol="tension", default=0.0, example=100.0, size=1.0,
+)  # fmt: skip
 REDUCED_AREA = Number(
     "vesicle", "reduced_area", bounds.REDUCED_AREA, "reduced area 4π area / perimeter²",
     letter="Δ", symbol=r"$\Delta$", example=0.9, note="in (0, 1]",

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ..base.resolution import removed_modes
 from ..geometry import curve as geometry
 from ..geometry.curve import Curve
 from ..numerics import fourier
@@ -23,7 +24,7 @@ class Filter(eqx.Module):
     @classmethod
     def for_nodes(cls, N: int) -> "Filter":
         """Returns the default: max(2, N/16) modes of x, and only the Nyquist mode of σ and the scalars."""
-        return cls(max(2, N // 16))
+        return cls(removed_modes(N))
 
 
 def filtered(y: Unknowns, cut: Filter) -> Unknowns:

@@ -16,7 +16,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..base.arguments import is_known, refusal, require, require_count, require_nodes
 from ..base.bounds import Bounds
-from ..base.physical_numbers import ANGLE, DISTURBANCE, LENGTH, REDUCED_AREA
+from ..base.physical_numbers import ANGLE, DISTURBANCE, LENGTH, REDUCED_AREA, TEMPERATURE, TENSION
+from ..base.resolution import kept_modes
 from ..numerics import fourier
 from ..numerics.arrays import NodePoints, Scalar, ScalarLike, as_float
 from . import curve, outlines
@@ -176,6 +177,53 @@ def disturbed(x: NodePoints, amplitude: ScalarLike) -> NodePoints:
     stretch = outline.curvature * outline.speed * wave
     along = -fourier.antiderivative(stretch)
     return x + as_float(amplitude) * (wave[:, None] * outline.normal + along[:, None] * outline.tangent)
+
+
+def undulation(k, temperature: ScalarLike, tension: ScalarLike):
+    """Returns ⟨|u_k|²⟩ of the undulations r = 1 + Σ u_k e^{ikφ} in a section of a membrane of radius 1.
+
+    It is θ/(4πλ) (1/k - 1/√(k² + λ)) with the `temperature` θ = k_B T/κ_B and the `tension` λ in κ_B/a², which becomes
+    θ/(8πk³) without tension. This is the spectrum of a plane membrane in three dimensions, integrated over the waves
+    across the section.
+    """
+    root = jnp.sqrt(k**2 + as_float(tension))
+    return as_float(temperature) / (4 * np.pi) / (k * root * (k + root))
+
+
+def undulated(
+    x: NodePoints, *, temperature: ScalarLike, modes: int, tension: ScalarLike = TENSION.default, seed: int = 1
+) -> NodePoints:
+    """Returns the nodes x moved along their normal by random thermal undulations, with area and perimeter unchanged.
+
+    The modes k = 2 … `modes` of the arc length have independent normal amplitudes with the variance of `undulation`.
+    Each mode has its own random numbers, so that the shape does not depend on the number of nodes. The length that the
+    undulations take makes the rest of the shape rounder: the outline is moved outwards and scaled.
+
+    Raises:
+        ValueError: x has no even number of nodes, a known number is out of its bounds, or there are more modes than the
+            nodes resolve.
+    """
+    require_nodes("len(x)", x.shape[0])
+    require("temperature", temperature, TEMPERATURE.bounds)
+    require("tension", tension, TENSION.bounds)
+    require_count("modes", modes)
+    N = x.shape[0]
+    if modes > kept_modes(N):
+        raise refusal("modes", modes, f"at most {kept_modes(N)} modes for {N} nodes")
+    base, k = curve.Curve.from_nodes(x), np.arange(2, modes + 1)
+    random = jax.vmap(lambda k: jax.random.normal(jax.random.fold_in(jax.random.key(seed), k), (2,)))(k)
+    size = jnp.sqrt(2 * undulation(k, temperature, tension))[:, None] * random
+    phase = fourier.grid(N)[:, None] * k
+    wave = jnp.cos(phase) @ size[:, 0] + jnp.sin(phase) @ size[:, 1]
+    outline = x + (jnp.mean(base.speed) * wave)[:, None] * base.normal
+    roundness = curve.area(base) / curve.length(base) ** 2
+
+    def residual(shift):
+        moved = curve.Curve.from_nodes(outline + shift * base.normal)
+        return curve.area(moved) / curve.length(moved) ** 2 - roundness
+
+    shift = _root(residual, optx.Newton(rtol=1e-13, atol=1e-14), jnp.zeros(()), max_steps=16)
+    return scaled(equispaced(outline + shift * base.normal, N), jnp.mean(base.speed))
 
 
 def through_points(points: ArrayLike, N: int, *, length: float = 1.0, modes: int | None = None) -> NodePoints:

@@ -51,6 +51,7 @@ Finite = number(bounds.FINITE)
 Positive = number(bounds.POSITIVE)
 Tolerance = number(bounds.TOLERANCE)
 Count = Annotated[int, Field(ge=1), Expect("a whole number >= 1")]
+Seed = Annotated[int, Field(ge=0), Expect("a whole number >= 0")]
 NodeCount = Annotated[
     Annotated[int, Field(ge=16), _if(lambda value: value % 2 == 0)] | Literal["auto"],
     Expect('an even whole number >= 16, or "auto"'),

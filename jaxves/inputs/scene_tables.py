@@ -29,7 +29,7 @@ from .key_types import (
     key,
     optional_key,
 )
-from .vesicle_tables import CircleVesicle, EllipseVesicle, PointsVesicle, VesicleTable
+from .vesicle_tables import CircleVesicle, EllipseVesicle, PointsVesicle, VesicleTable, check_undulations
 
 
 def _tables(value: Any) -> Any:
@@ -265,6 +265,7 @@ class SceneFile(Table):
             check_field(self.field, self.vesicle, self.numerics, self.cell)
         if self.cell is not None:
             check_beside_cell(self)
+        check_undulations(self.vesicle, self.numerics.nodes)
         self._is_clear_of_contact()
         return self
 

@@ -27,6 +27,11 @@ center = [0.0, 0.0]
 {vesicle.bending}
 relaxed = false              # true: relax to equilibrium before the run, without field or flow
 # {vesicle.disturbance}
+## [vesicle.disturbance]     # instead of the number: random thermal undulations
+## {vesicle.disturbance.temperature}
+## {vesicle.disturbance.tension}
+## seed = 1                 # of the random numbers
+## modes = 24                # the highest mode
 # {own}: optional; default: those of [field]
 # viscosity_ratio: optional; default: that of [fluid]
 

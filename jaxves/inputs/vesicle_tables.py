@@ -1,17 +1,19 @@
 """The [[vesicle]] tables of a scene file: an ellipse, a circle, or a curve through points."""
 
 import abc
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Discriminator, Tag, model_validator
 
 from ..base import physical_numbers
+from ..base.resolution import AUTO_NODES, kept_modes
 from ..geometry import outlines
 from ..geometry.outline_files import SUFFIXES, read_outline
-from .checking import Table, refusal
-from .key_types import Count, Flag, Pair, PointList, Text, key, optional_key
+from .checking import Table, number, refusal
+from .key_types import Count, Flag, Pair, PointList, Seed, Text, key, optional_key
 
 
 class VesicleTable(Table):
@@ -39,16 +41,52 @@ class VesicleTable(Table):
         """Returns the outline of the shape. Its size, angle and position are not specified."""
 
 
+class UndulationTable(Table):
+    """A random thermal disturbance, `shapes.undulated`. It is the same for every number of nodes."""
+
+    temperature: key(physical_numbers.TEMPERATURE)
+    tension: key(physical_numbers.TENSION)
+    seed: Seed = 1  # of the random numbers
+    modes: Count = None  # the highest mode
+
+
+def _kind_of_disturbance(value: Any) -> str:
+    return "kind=table" if isinstance(value, dict | UndulationTable) else "kind=number"
+
+
+Disturbance = Annotated[
+    Annotated[number(physical_numbers.DISTURBANCE.bounds), Tag("kind=number")]
+    | Annotated[UndulationTable, Tag("kind=table")],
+    Discriminator(_kind_of_disturbance),
+]
+
+
 class DeformableVesicle(VesicleTable):
     """A vesicle whose shape can be disturbed, which is not possible for a circle."""
 
-    disturbance: optional_key(physical_numbers.DISTURBANCE)  # the amplitude in `shapes.disturbed`
+    disturbance: Disturbance | None = None  # the amplitude in `shapes.disturbed`, or thermal undulations
 
     @model_validator(mode="after")
     def _stays(self):
         if self.relaxed and self.disturbance is not None:
             raise refusal("no disturbance where relaxed = true, which would undo it", "disturbance", self.disturbance)
         return self
+
+
+def undulation_modes(vesicle: VesicleTable) -> int:
+    """Returns the highest mode of the thermal undulations of a vesicle; 0 without."""
+    disturbance = getattr(vesicle, "disturbance", None)
+    return disturbance.modes if isinstance(disturbance, UndulationTable) else 0
+
+
+def check_undulations(vesicles: Sequence[VesicleTable], nodes: int | Literal["auto"]) -> None:
+    """Refuses undulations with more modes than the nodes at the start of the run keep."""
+    N = AUTO_NODES[0] if nodes == "auto" else nodes
+    for i, vesicle in enumerate(vesicles):
+        modes = undulation_modes(vesicle)
+        if modes > kept_modes(N):
+            wanted = f"at most {kept_modes(N)} modes for {N} nodes"
+            raise refusal(wanted, f"vesicle[{i}].disturbance.modes", modes)
 
 
 class EllipseVesicle(DeformableVesicle):

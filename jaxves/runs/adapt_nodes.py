@@ -20,17 +20,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base import status
+from ..base.resolution import AUTO_NODES, kept_modes
 from ..equation.equation import Equation
 from ..equation.projection import Filter
 from ..equation.state import Unknowns
 from ..inputs.scene_tables import SceneFile
+from ..inputs.vesicle_tables import undulation_modes
 from ..numerics import fourier
 from ..observables.rows import Row
 from ..stepping.loop import to_save
 from ..stepping.state import Journey, State
 from .build import build
 from .case import Case
-from .problem import AUTO_NODES, Problem, awaited, problem_of, strengthened, with_nodes
+from .problem import Problem, awaited, problem_of, strengthened, with_nodes
 from .programs import compiled, is_long
 
 _TENSION = 1e3  # limit of the tension divided by that of x and V_m
@@ -205,7 +207,12 @@ def resolution_of(scene_file: SceneFile, problem: Problem) -> Resolution:
     x = problem.equation.scene.x
 
     def anew(N: int) -> Problem | None:
-        """Returns None if the start is not the one that the file describes: relaxed, or taken from another run."""
+        """Returns None if the start is not the one that the file describes: relaxed, or taken from another run.
+
+        The same holds if N nodes do not resolve its undulations.
+        """
+        if any(undulation_modes(vesicle) > kept_modes(N) for vesicle in scene_file.vesicle):
+            return None
         own = build(with_nodes(scene_file, x.shape[1])).x
         if not np.allclose(own, x, rtol=0.0, atol=1e-12):
             return None

@@ -33,7 +33,14 @@ from ..inputs.scene_tables import (
     TabulatedTime,
     TimeTable,
 )
-from ..inputs.vesicle_tables import CircleVesicle, DeformableVesicle, EllipseVesicle, PointsVesicle, VesicleTable
+from ..inputs.vesicle_tables import (
+    CircleVesicle,
+    DeformableVesicle,
+    EllipseVesicle,
+    PointsVesicle,
+    UndulationTable,
+    VesicleTable,
+)
 from ..numerics.arrays import NodePoints, ScalarLike, as_float
 from ..physics import flow, waveform
 from ..physics.electric import Field
@@ -78,8 +85,13 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
             x = shapes.rotated(shapes.circle(N, length=vesicle.length), angle)
         case PointsVesicle():
             x = _resampled(N, outlines.smooth(np.array(vesicle.points), vesicle.modes), angle, vesicle.length)
-    if isinstance(vesicle, DeformableVesicle) and vesicle.disturbance is not None:
-        x = shapes.disturbed(x, vesicle.disturbance)
+    match vesicle.disturbance if isinstance(vesicle, DeformableVesicle) else None:
+        case None:
+            pass
+        case UndulationTable() as thermal:
+            x = _undulated(thermal.modes, thermal.seed, x, thermal.temperature, thermal.tension)
+        case amplitude:
+            x = shapes.disturbed(x, amplitude)
     return x + jnp.stack([as_float(component) for component in vesicle.center])
 
 
@@ -105,6 +117,11 @@ def _resampled(N: int, samples, angle, length) -> NodePoints:
     x = shapes.equispaced(samples, N)
     x = x - curve.centroid(curve.Curve.from_nodes(x))
     return shapes.rotated(shapes.scaled(x, length), angle)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _undulated(modes: int, seed: int, x, temperature, tension) -> NodePoints:
+    return shapes.undulated(x, temperature=temperature, tension=tension, modes=modes, seed=seed)
 
 
 def _field(table: FieldTable | None, vesicles: tuple[VesicleTable, ...]) -> Field | None:

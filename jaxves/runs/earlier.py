@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base.arguments import refusal
+from ..base.resolution import AUTO_NODES
 from ..geometry import starts
 from ..geometry.shapes import equispaced_parameters
 from ..inputs.scene_tables import SceneFile
@@ -16,7 +17,6 @@ from ..results.hdf5 import StoreError
 from ..results.run_store import Record
 from .adapt_nodes import finer_rows
 from .build import build
-from .problem import AUTO_NODES
 
 
 def started_from(path: str | Path, at: float | None, scene_file: SceneFile) -> tuple[Scene, str]:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base import status
+from ..base.resolution import AUTO_NODES
 from ..equation.equation import Equation, equation_for
 from ..equation.projection import Filter
 from ..equation.state import Unknowns
@@ -33,7 +34,6 @@ from .build import build
 from .case import Case
 from .programs import compiled
 
-AUTO_NODES = (64, 96, 128, 192, 256)
 _RESOLVED = 1e-6  # largest spectral tail of a resolved starting curve, for `nodes = "auto"`
 
 
