@@ -14,6 +14,7 @@ from jaxves.observables.fields import fields_at
 from jaxves.operators.pairs import Pairwise
 from jaxves.physics.flow import Extension, Shear
 from jaxves.physics.scene import dc_field, make_scene
+from jaxves.physics.waveform import AC
 from jaxves.stepping.fixed import Fixed
 from jaxves.stepping.marching import simulate
 
@@ -93,6 +94,10 @@ def test_what_a_cell_does_not_support_is_refused():
         make_scene(ellipse, flow=Extension(1.0), cell=cell)
     with pytest.raises(ValueError, match=r"Scene\.viscosity_ratio = .*, expected None in a periodic cell"):
         make_scene(ellipse, viscosity_ratio=2.0, cell=cell)
+    with pytest.raises(ValueError, match=r"charge_relaxation = .*, expected None in a periodic cell"):
+        make_scene(ellipse, field=dc_field(3.2, charge_relaxation=0.01, **FIELD), cell=cell)
+    with pytest.raises(ValueError, match=r"averaged = True, expected an AC field that is not averaged"):
+        make_scene(ellipse, field=dc_field(3.2, history=AC(9.0, averaged=True), **FIELD), cell=cell)
     scene = make_scene(ellipse, cell=cell)
     with pytest.raises(ValueError, match=r"coupling = .*, expected MatrixFree with an accuracy"):
         equation_for(scene, coupling=Pairwise(direct=True))

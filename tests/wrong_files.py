@@ -113,6 +113,12 @@ OF_SCENE = {
         "[cell]\nlattice = [[8.0, 0.0], [0.0, 8.0]]\n[fluid]\nviscosity_ratio = 2.0",
         "fluid.viscosity_ratio = 2.0",
     ),
+    "a field that is averaged in a cell": (
+        "[cell]\nlattice = [[8.0, 0.0], [0.0, 8.0]]\n"
+        + FIELD
+        + '[field.time]\nkind = "ac"\nfrequency = 9.0\naveraged = true',
+        "field.time.averaged = true",
+    ),
     "matrices of pairs in a cell": (
         '[cell]\nlattice = [[8.0, 0.0], [0.0, 8.0]]\n[numerics]\nsolver = "dense"',
         'numerics.solver = "dense"',

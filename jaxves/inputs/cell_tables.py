@@ -123,6 +123,8 @@ def check_beside_cell(file: Any) -> None:
         raise refusal("no such key in a [cell]", "fluid.viscosity_ratio", file.fluid.viscosity_ratio)
     if file.field is not None and file.field.charge_relaxation is not None:
         raise refusal("no such key in a [cell]", "field.charge_relaxation", file.field.charge_relaxation)
+    if file.field is not None and getattr(file.field.time, "averaged", False):
+        raise refusal("false in a [cell]", "field.time.averaged", True)
     for i, vesicle in enumerate(file.vesicle):
         if vesicle.viscosity_ratio is not None:
             raise refusal("no such key in a [cell]", f"vesicle[{i}].viscosity_ratio", vesicle.viscosity_ratio)

@@ -28,6 +28,7 @@ from ..geometry.domain import Cell
 from ..numerics.arrays import PerVesicle, VesiclePoints, as_float, require_x64
 from .electric import Field
 from .flow import AbstractFlow, FlowFunction, Shear
+from .waveform import AC
 
 _FLOW = "a flow, such as Shear(10.0)"
 
@@ -95,6 +96,9 @@ class Scene(Bounded):
             raise refusal("Scene.viscosity_ratio", self.viscosity_ratio, "None in a periodic cell")
         if self.field is not None and self.field.charge_relaxation is not None:
             raise refusal("Scene.field.charge_relaxation", self.field.charge_relaxation, "None in a periodic cell")
+        if self.field is not None and isinstance(self.field.history, AC) and self.field.history.averaged:
+            wanted = "an AC field that is not averaged, in a periodic cell"
+            raise refusal("Scene.field.history.averaged", self.field.history.averaged, wanted)
 
     def is_valid(self) -> Bool[Array, ""]:
         """Returns whether numbers are within bounds and a run can start from the curves; may be traced.
