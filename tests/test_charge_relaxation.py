@@ -232,7 +232,7 @@ def test_a_result_file_has_the_charge_and_a_run_resumes_and_is_drawn_from_it(tmp
         "saves": 2,
         "vesicle": [{"reduced_area": 0.95, "angle": 60.0}],
         "field": {"beta": 2.0, "conductivity_ratio": 0.5, "charge_relaxation": 0.05},
-        "numerics": {"nodes": 16, "time_step": 5e-3, "certify": False},
+        "numerics": {"nodes": 32, "time_step": 5e-3, "certify": False},
     }
     path = tmp_path / "run.h5"
     assert jaxves.run(tables, path) == "complete"
