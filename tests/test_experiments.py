@@ -16,6 +16,7 @@ from experiments import (
     beside_others,
     close_evaluation,
     fast_sums,
+    first_result,
     order_in_time,
     pop_and_budding,
     safeguards,
@@ -59,6 +60,11 @@ def test_a_version_beside_itself_costs_the_same():
     for key in ("equations", "flops", "bytes", "memory"):
         assert row["this"][key] == row["older"][key] > 0
     assert row["interval"][0] <= row["ratio"] <= row["interval"][1]
+
+
+def test_the_time_to_a_first_result_is_counted_for_both_versions_cold_and_warm():
+    row = first_result.run(**first_result.QUICK)["import"]
+    assert all(row[version][kind]["cpu"] > 0.1 for version in ("older", "this") for kind in ("cold", "warm"))
 
 
 @pytest.mark.slow
