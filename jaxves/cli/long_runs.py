@@ -50,7 +50,7 @@ def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> i
         except (runner.Broken, LostFile) as error:
             say(error)
             raise typer.Exit(BROKE_DOWN) from None
-        except StoreError as error:
+        except (SceneError, StoreError) as error:
             raise refused(error) from None
         if word == status.WORDS[status.INTERRUPTED]:
             return _told(found)

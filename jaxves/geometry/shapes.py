@@ -38,6 +38,7 @@ def circle(N: int, *, length: ScalarLike = LENGTH.default) -> NodePoints:
 
 
 _FLATTEST = 1e-3  # b/a
+_SAME_ROUNDNESS = 1e-10  # area/perimeter², before and after undulations
 _EXCESS = Bounds("a number in [-0.89, 0.89]", ge=-0.89, le=0.89)
 
 
@@ -201,7 +202,8 @@ def undulated(
 
     Raises:
         ValueError: x has no even number of nodes, a known number is out of its bounds, or there are more modes than the
-            nodes resolve.
+            nodes resolve, or the undulations need more length than the shape has. For traced numbers the nodes are then
+            NaN.
     """
     require_nodes("len(x)", x.shape[0])
     require("temperature", temperature, TEMPERATURE.bounds)
@@ -223,7 +225,11 @@ def undulated(
         return curve.area(moved) / curve.length(moved) ** 2 - roundness
 
     shift = _root(residual, optx.Newton(rtol=1e-13, atol=1e-14), jnp.zeros(()), max_steps=16)
-    return scaled(equispaced(outline + shift * base.normal, N), jnp.mean(base.speed))
+    x = scaled(equispaced(outline + shift * base.normal, N), jnp.mean(base.speed))
+    x = jnp.where(jnp.abs(residual(shift)) < _SAME_ROUNDNESS, x, jnp.nan)
+    if is_known(x) and not np.all(np.isfinite(np.asarray(x))):
+        raise refusal("temperature", temperature, "less: the undulations need more length than the shape has")
+    return x
 
 
 def through_points(points: ArrayLike, N: int, *, length: float = 1.0, modes: int | None = None) -> NodePoints:

@@ -12,11 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.arguments import is_known
+from ..base.arguments import is_known, refusal
 from ..base.physical_numbers import PER_VESICLE
 from ..geometry import curve, outlines, shapes
 from ..geometry.domain import Cell
 from ..inputs.cell_tables import CellTable
+from ..inputs.checking import SceneError
 from ..inputs.parameters import with_numbers
 from ..inputs.scene_tables import (
     AcTime,
@@ -51,7 +52,11 @@ _NODES = 64  # first number of nodes for `nodes = "auto"`
 
 
 def build(scene_file: SceneFile) -> Scene:
-    """Returns the scene that the file describes. Vesicles with `relaxed = true` are not relaxed yet."""
+    """Returns the scene that the file describes. Vesicles with `relaxed = true` are not relaxed yet.
+
+    Raises:
+        SceneError: the thermal undulations of a vesicle need more length than its shape has.
+    """
     N = _NODES if scene_file.numerics.nodes == "auto" else scene_file.numerics.nodes
     vesicles = scene_file.vesicles(jnp)
     return make_scene(
@@ -90,6 +95,9 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
             pass
         case UndulationTable() as thermal:
             x = _undulated(thermal.modes, thermal.seed, x, thermal.temperature, thermal.tension)
+            if is_known(x) and not np.all(np.isfinite(np.asarray(x))):
+                wanted = "less: the undulations need more length than the shape has"
+                raise SceneError(str(refusal("vesicle.disturbance.temperature", thermal.temperature, wanted)))
         case amplitude:
             x = shapes.disturbed(x, amplitude)
     return x + jnp.stack([as_float(component) for component in vesicle.center])
