@@ -131,7 +131,7 @@ def test_a_stage_of_several_vesicles_solves_for_the_scalars_of_all_together_apar
     @eqx.filter_jit
     def stage(coupling):
         equation, y = pair(gap, coupling)
-        surfaces = equation._surfaces(y)
+        surfaces = equation._surfaces(jnp.zeros(()), y)
         solve = equation.electrics.solve_stage
         found, solution = solve(jnp.zeros(()), surfaces, y.scalars, c, direct=equation.coupling.direct)
         again, _ = solve(jnp.zeros(()), surfaces, found.found, 0 * c, direct=equation.coupling.direct)

@@ -192,7 +192,7 @@ def test_init_writes_a_scene_that_can_be_read(tmp_path):
     # What it shows behind a # is valid as well, but for the step, of which there is a choice.
     _, _, text = path.read_text().partition("\n\n")
     lines = [line.removeprefix("# ") for line in text.splitlines()]
-    kept = [line for line in lines if not line.startswith(("time_step", "conductivity_ratio, "))]
+    kept = [line for line in lines if not line.startswith(("time_step", "conductivity_ratio, ", "viscosity_ratio: "))]
     full = parse(tomllib.loads("\n".join(kept)))
     assert full.pair.separation == 2.6 and full.field.time.kind == "pulse" and full.stop.class_ == "POP"
     assert call("init", path, "--force")[0] == 0

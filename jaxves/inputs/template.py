@@ -68,15 +68,15 @@ direction = [0.0, 1.0]
 # {flow.capillary_number}
 ## {flow.half_width}
 
-# [cell]                     # doubly periodic; with a flow it must be a shear, which carries the lattice along
-# lattice = [[8.0, 0.0], [0.0, 8.0]]  # the two vectors, the second to the left of the first
+## [cell]                    # doubly periodic; with a flow it must be a shear, which carries the lattice along
+## lattice = [[8.0, 0.0], [0.0, 8.0]]  # the two vectors, the second to the left of the first
 
-# [suspension]               # copies of the vesicles in a [cell], without overlap
-# area_fraction = 0.3        # or count = 6
-# seed = 1
-# arrangement = "random"     # or "lattice"
-# size_spread = 0.0          # standard deviation of the length, relative
-# reduced_area_spread = 0.0  # standard deviation of the reduced area
+## [suspension]              # instead of [pair]: copies of the vesicles in a [cell], without overlap
+## area_fraction = 0.3       # or count = 6
+## seed = 1
+## arrangement = "random"    # or "lattice"
+## size_spread = 0.0         # standard deviation of the length, relative
+## reduced_area_spread = 0.0 # standard deviation of the reduced area
 
 # [stop]                     # ends the run early,
 # steady = 1e-6              # if no shape changes faster than this,
