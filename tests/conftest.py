@@ -22,6 +22,7 @@ import jaxves  # noqa: F401  (switches double precision on)
 from jaxves.equation.equation import equation_for
 from jaxves.numerics import fourier
 from jaxves.observables import diagnostics
+from jaxves.runs import programs
 
 _COMPILED = jax.config.jax_compilation_cache_dir
 
@@ -31,6 +32,7 @@ def _forget_what_was_compiled():
     """Programs of one file are of no use to the next, and together they would fill the memory."""
     yield
     jax.clear_caches()
+    programs.forget()
     if jax.config.jax_compilation_cache_dir != _COMPILED:
         # Commands keep on disk what they compile; the tests of other files would go on writing there.
         jax.config.update("jax_compilation_cache_dir", _COMPILED)

@@ -107,9 +107,11 @@ def _write(path: Path, made: Program) -> None:
         payload, _, _ = serialize_executable.serialize(made.call)
         content = pickle.dumps((payload, made.arrays, made.others))
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(hashlib.sha256(content).digest() + content)
-        os.replace(file.name, path)
+        # The file appears as a whole: another process may read it at any time.
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            part = Path(folder) / path.name
+            part.write_bytes(hashlib.sha256(content).digest() + content)
+            os.replace(part, path)
     except (OSError, ValueError, TypeError, AttributeError, pickle.PicklingError, jax.errors.JaxRuntimeError):
         return
 

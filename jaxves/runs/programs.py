@@ -49,3 +49,8 @@ def _of(function: Callable, options: tuple[tuple[str, int], ...]) -> Callable:
         return programs[key].result([leaf for leaf in leaves if is_traced(leaf)])
 
     return call
+
+
+def forget() -> None:
+    """Frees the programs of this process. Those on disk remain."""
+    _of.cache_clear()
