@@ -244,3 +244,7 @@ def test_a_result_file_has_the_charge_and_a_run_resumes_and_is_drawn_from_it(tmp
     assert jaxves.run(tables | {"t_end": 0.03, "saves": 3}, path, resume=True) == "complete"
     longer = jaxves.read_result(path)
     assert len(longer.t) == 4 and np.max(np.abs(longer.diagnostics["interfacial_charge"])) < 1e-12
+    with pytest.raises(jaxves.StoreError, match="takes over V_m, but not Q and W"):
+        jaxves.run(tables, tmp_path / "next.h5", start=path)
+    shapes_only = {name: table for name, table in tables.items() if name != "field"}
+    assert jaxves.run(shapes_only, tmp_path / "next.h5", start=path) == "complete"

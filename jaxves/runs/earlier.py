@@ -32,7 +32,7 @@ def started_from(path: str | Path, at: float | None, scene_file: SceneFile) -> t
 
     Raises:
         StoreError: the file is not a result file, has another number of vesicles, or does not have that time; or a run
-            cannot start from its curves.
+            cannot start from its curves, or would lose the charge that it has besides V_m.
     """
     record = run_store.read_result(path)
     row = _row(record, path, at)
@@ -42,6 +42,9 @@ def started_from(path: str | Path, at: float | None, scene_file: SceneFile) -> t
     scene, words = build(scene_file), f"{path} at t = {record.t[row]:.12g}"
     if scene.cell is not None and scene.flow is not None and record.t[row] > 0:
         raise StoreError(f"no run can start from {words}: the shear has carried the lattice of the cell along.")
+    if scene.field is not None and record.scalars:
+        names = " and ".join(sorted(record.scalars))
+        raise StoreError(f"no run can start from {words}: a start takes over V_m, but not {names}, which are there.")
     N = _nodes(scene_file, int(record.nodes[row].max()))
     has_potential = scene.field is not None and record.V_m is not None
     fields = np.concatenate([record.x[row], record.V_m[row][..., None]], -1) if has_potential else record.x[row]
