@@ -126,6 +126,15 @@ def test_a_factor_of_time_scales_the_flow_and_steps_end_at_its_kinks():
     assert flow.effective_viscosity(jnp.eye(2)) is None
 
 
+def test_steps_see_every_period_of_an_oscillating_flow_and_averages_take_whole_periods():
+    """The flow is so weak that the error estimate alone would let steps skip its periods."""
+    flow = jaxves.TimeDependent(jaxves.Shear(1e-9), jaxves.Sine(20.0))
+    scene = jaxves.make_scene(jaxves.circle(16), flow=flow)
+    result = jaxves.simulate(scene, 0.5, saves=1)
+    assert result.word == "complete" and int(result.state.steps) >= 0.5 * 20 * 8
+    np.testing.assert_allclose(sorted(stops_of(scene, 0.5, jnp.array([0.1, 0.48]))), [0.1, 0.45, 0.5], atol=1e-12)
+
+
 FILE = """
 t_end = 1.0
 vesicle = [{ reduced_area = 0.95 }]
@@ -148,6 +157,8 @@ def test_a_scene_file_has_poiseuille_flow_and_the_time_dependence_of_any_flow():
     assert numbers(file)["flow.time.frequency"] == 5.0
     with pytest.raises(SceneError, match=r"flow.time.kind = \"square\""):
         parse(tomllib.loads(FILE.replace('"sine"', '"square"')))
+    with pytest.raises(SceneError, match=r"numerics.time_step = 0.1, expected at most 0.025, an eighth .* of the flow"):
+        parse(tomllib.loads(FILE + "[numerics]\ntime_step = 0.1\n"))
 
 
 @pytest.mark.parametrize(

@@ -21,11 +21,16 @@ def check_field(field: Table, vesicles: Sequence[Table], numerics: Table, cell: 
     if numerics.method == "euler" and (averaged or field.charge_relaxation is not None):
         wanted = '"auto", "ark4" or "ark5" with charge_relaxation or averaged = true'
         raise refusal(wanted, "numerics.method", numerics.method)
-    frequency = None if averaged else getattr(field.time, "frequency", None)
+    check_step(numerics, None if averaged else field.time, "field")
+
+
+def check_step(numerics: Table, time: Table | None, name: str) -> None:
+    """Raises the error for a fixed step that is too long for the period of the field or the flow."""
+    frequency = getattr(time, "frequency", None)
     if numerics.time_step is not None and frequency is not None:
         longest = 1 / (8 * frequency)
         if numerics.time_step > longest:
-            wanted = f"at most {longest:.6g}, an eighth of the period of the field"
+            wanted = f"at most {longest:.6g}, an eighth of the period of the {name}"
             raise refusal(wanted, "numerics.time_step", numerics.time_step)
 
 

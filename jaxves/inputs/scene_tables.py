@@ -14,7 +14,7 @@ from ..base import physical_numbers
 from ..geometry import outlines
 from .cell_tables import CellTable, SuspensionTable, check_beside_cell, with_copies
 from .checking import Table, choice, one_of, refusal
-from .field_checks import check_field
+from .field_checks import check_field, check_step
 from .key_types import (
     Count,
     Direction,
@@ -263,6 +263,8 @@ class SceneFile(Table):
             self._has_nothing_electric()
         else:
             check_field(self.field, self.vesicle, self.numerics, self.cell)
+        if self.flow is not None:
+            check_step(self.numerics, self.flow.time, "flow")
         if self.cell is not None:
             check_beside_cell(self)
         check_undulations(self.vesicle, self.numerics.nodes)

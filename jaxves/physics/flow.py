@@ -43,6 +43,10 @@ class AbstractFlow(Bounded):
         """Returns the times at which the flow is not smooth, in order. Time steps end there."""
         return jnp.zeros(0)
 
+    def period(self) -> Scalar | None:
+        """Returns the period of the flow in units of t_κ, None if it has none."""
+        return None
+
     def effective_viscosity(self, stress: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch"] | None:
         """Returns the intrinsic viscosity [μ] from the particle stress tensor (`observables/diagnostics.py`).
 
@@ -247,3 +251,6 @@ class TimeDependent(AbstractFlow):
 
     def breakpoints(self):
         return self.history.breakpoints()
+
+    def period(self):
+        return self.history.period()

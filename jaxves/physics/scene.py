@@ -25,7 +25,7 @@ from ..base.physical_numbers import (
 from ..geometry import shapes as curves
 from ..geometry import starts
 from ..geometry.domain import Cell
-from ..numerics.arrays import PerVesicle, VesiclePoints, as_float, require_x64
+from ..numerics.arrays import PerVesicle, Scalar, VesiclePoints, as_float, require_x64
 from .electric import Field
 from .flow import AbstractFlow, FlowFunction, Shear
 from .waveform import AC
@@ -84,6 +84,11 @@ class Scene(Bounded):
             require("Scene.V_m", self.V_m, FINITE)
         if is_known(self.x):
             _check_start(np.asarray(self.x))
+
+    def periods(self) -> list[Scalar]:
+        """Returns the periods of the field and of the flow, as far as they have one, in units of t_κ."""
+        found = [part.period() for part in (self.field, self.flow) if part is not None]
+        return [period for period in found if period is not None]
 
     def _check_cell(self) -> None:
         if not isinstance(self.cell, Cell | None):

@@ -110,8 +110,7 @@ class Adaptive(AbstractMarch, Bounded):
     def _attempt(self, journey: Journey, equation: Equation, stops: Array, *, wanted: Bool[Array, ""]) -> Journey:
         """Tries one step, and accepts or rejects it. If it is not `wanted`, nothing changes."""
         state, frozen, tape = journey.state, journey.cache.frozen, journey.tape
-        period = None if equation.scene.field is None else equation.scene.field.period()
-        if period is not None:  # the error estimate must see the field change
+        for period in equation.scene.periods():  # the error estimate must see field and flow change
             longest = lax.stop_gradient(period) / 8
             state = eqx.tree_at(lambda s: s.h, state, jnp.minimum(state.h, longest))
         t, y = state.t, state.y

@@ -1,5 +1,7 @@
 """The loop over saved times: the initial state, the times at which steps must end, and the saved rows."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -43,10 +45,11 @@ def initial_state(equation: Equation, march: AbstractMarch, average: Array | Non
 
 
 def whole_periods(scene: Scene, average: Array | None) -> Array | None:
-    """Returns the averaging window, shortened at its end to whole periods of the field if it contains one."""
-    period = None if scene.field is None else scene.field.period()
-    if average is None or period is None:
+    """Returns the averaging window, shortened at its end to whole periods of field or flow, of the longer one."""
+    periods = scene.periods()
+    if average is None or not periods:
         return average
+    period = functools.reduce(jnp.maximum, periods)
     start, end = as_float(average)
     count = jnp.floor((end - start) / period * (1 + 1e-12))
     return jnp.stack([start, jnp.where(count >= 1, start + count * period, end)])
