@@ -33,23 +33,25 @@ print(found["x"].tobytes().hex(), found["L"].tobytes().hex(), kind, made)
 """
 
 
-def process(folder):
-    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(folder)}
+def process(folder, devices=1):
+    flags = f"--xla_force_host_platform_device_count={devices}"
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(folder), "XLA_FLAGS": flags}
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     *values, kind, made = done.stdout.split()
     return values, kind, int(made)
 
 
-def test_a_second_process_does_not_compile_and_finds_the_same_bits_also_beside_a_damaged_file(tmp_path):
-    first, second = process(tmp_path), process(tmp_path)
+@pytest.mark.parametrize("devices", [1, 2])
+def test_a_second_process_does_not_compile_and_finds_the_same_bits_also_beside_a_damaged_file(tmp_path, devices):
+    first, second = process(tmp_path, devices), process(tmp_path, devices)
     assert (first[1:], second[1:]) == (("x", 1), ("x", 0))
     assert first[0] == second[0]
     (file,) = (tmp_path / "programs").iterdir()
     content = bytearray(file.read_bytes())
     content[len(content) // 2] ^= 1
     file.write_bytes(content)
-    third = process(tmp_path)
+    third = process(tmp_path, devices)
     assert third == first
 
 

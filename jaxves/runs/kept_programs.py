@@ -127,7 +127,9 @@ def _read(path: Path, arguments: tuple) -> Program | None:
         leaves = jax.tree.leaves(eqx.filter(arguments, is_traced))
         trees = jax.tree.structure((tuple(leaves), {})), jax.tree.structure(jax.tree.leaves(arrays))
         _load_lapack()
-        return Program(serialize_executable.deserialize_and_load(payload, *trees), arrays, others)
+        # The program is for one device. JAX would load it for all that there are.
+        call = serialize_executable.deserialize_and_load(payload, *trees, execution_devices=jax.devices()[:1])
+        return Program(call, arrays, others)
     except (OSError, ValueError, TypeError, AttributeError, pickle.UnpicklingError, jax.errors.JaxRuntimeError):
         return None
 
