@@ -20,6 +20,13 @@ FOR_SHORT_RUNS = {"xla_backend_optimization_level": 0} | _OLDER_GENERATOR
 _ROOM = 2**20  # bytes of free space that the folder needs
 
 
+def options_for(platform: str, *, quickly: bool) -> dict[str, int]:
+    """Returns the options for programs on a platform of JAX, compiled quickly or with all optimisations."""
+    if platform != "cpu":
+        return {}
+    return FOR_SHORT_RUNS if quickly else FOR_LONG_RUNS
+
+
 def flags(options: dict[str, int]) -> str:
     """Returns compiler options in the form of the environment variable XLA_FLAGS."""
     return " ".join(f"--{name}={value}".lower() for name, value in options.items())

@@ -17,8 +17,6 @@ import functools
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
-import scipy.special
 from jaxtyping import Array, Complex, Float
 
 from ..numerics.arrays import Scalar, staged
@@ -92,12 +90,14 @@ def free(plan: Plan) -> Multipliers:
 
 @functools.lru_cache(maxsize=4)
 def _sampled(n: int, accuracy: Accuracy) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    from scipy.special import erfc  # every run imports this file, and few need sums in the plane
+
     place = np.fft.fftfreq(4 * n, 1 / (4 * n))
     x, y = place[:, None], place[None, : 2 * n + 1]  # only half of the grid: all kernels are even or odd in y
     r2 = x**2 + y**2
     A, B = splitting.smooth_on_host(r2, 2 * accuracy.shape / np.pi, accuracy)
     middle, steepness = 0.5 * (np.sqrt(2) + 2) * n, 10 / ((2 - np.sqrt(2)) * n)
-    cut = 0.5 * scipy.special.erfc(steepness * (np.sqrt(r2) - middle))
+    cut = 0.5 * erfc(steepness * (np.sqrt(r2) - middle))
     A, B = A * cut, B * cut
     xx = _multiplier(A + B * x**2, n, accuracy, 1, 1)
     xy = _multiplier(B * x * y, n, accuracy, -1, -1)
@@ -113,6 +113,8 @@ def _multiplier(half: np.ndarray, n: int, accuracy: Accuracy, in_x: int, in_y: i
 
     The multiplier of an odd kernel is imaginary and returned without i.
     """
+    from scipy import fft
+
     kernel = np.concatenate([half, in_y * half[:, -2:0:-1]], axis=1)
     if in_x < 0:
         kernel[2 * n] = 0
@@ -121,12 +123,12 @@ def _multiplier(half: np.ndarray, n: int, accuracy: Accuracy, in_x: int, in_y: i
     window = window_transform(4 * n, accuracy.width)
     frequency = np.abs(np.fft.fftfreq(4 * n))
     keep = np.where(frequency <= 0.25 * _KEPT, 1 / window**2, 0.0)
-    modes = scipy.fft.rfft2(kernel) * keep[:, None] * keep[: 2 * n + 1]
-    space = scipy.fft.irfft2(modes, s=(4 * n, 4 * n))
+    modes = fft.rfft2(kernel) * keep[:, None] * keep[: 2 * n + 1]
+    space = fft.irfft2(modes, s=(4 * n, 4 * n))
     middle = np.concatenate([space[:n], space[-n:]])
     middle = np.concatenate([middle[:, :n], middle[:, -n:]], axis=1)
     middle[n] = middle[:, n] = 0
-    found = scipy.fft.rfft2(middle)
+    found = fft.rfft2(middle)
     return found.imag if in_x * in_y < 0 else found.real
 
 

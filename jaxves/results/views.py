@@ -29,16 +29,12 @@ class Viewed:
     name. Rows after an early end may be NaN.
     """
 
+    word: Any
     t: Any
     x: Any
     V_m: Any
     tension: Any
     diagnostics: Any
-
-    @property
-    def word(self) -> str:
-        """The status word."""
-        raise NotImplementedError
 
     @property
     def saved(self) -> int:

@@ -4,7 +4,7 @@ The tables of the file may contain traced arrays instead of numbers (`inputs/par
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import jax
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.arguments import is_known, refusal
+from ..base.arguments import is_known
 from ..base.physical_numbers import PER_VESICLE
 from ..geometry import curve, outlines, shapes
 from ..geometry.domain import Cell
@@ -85,7 +85,7 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
     angle = _radians(vesicle.angle)
     match vesicle:
         case EllipseVesicle():
-            x = _ellipse(N, vesicle.reduced_area, angle, vesicle.length)
+            x = _made(shapes.ellipse, (N,), {}, reduced_area=vesicle.reduced_area, angle=angle, length=vesicle.length)
         case CircleVesicle():
             x = shapes.rotated(shapes.circle(N, length=vesicle.length), angle)
         case PointsVesicle():
@@ -94,26 +94,24 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
         case None:
             pass
         case UndulationTable() as thermal:
-            x = _undulated(thermal.modes, thermal.seed, x, thermal.temperature, thermal.tension)
-            if is_known(x) and not np.all(np.isfinite(np.asarray(x))):
-                wanted = "less: the undulations need more length than the shape has"
-                raise SceneError(str(refusal("vesicle.disturbance.temperature", thermal.temperature, wanted)))
+            counts = {"modes": thermal.modes, "seed": thermal.seed}
+            try:
+                x = _made(shapes.undulated, (x,), counts, temperature=thermal.temperature, tension=thermal.tension)
+            except ValueError as error:
+                raise SceneError(f"vesicle.disturbance.{error}") from None
         case amplitude:
             x = shapes.disturbed(x, amplitude)
     return x + jnp.stack([as_float(component) for component in vesicle.center])
 
 
-def _ellipse(N: int, *numbers: ScalarLike) -> NodePoints:
-    """Returns `shapes.ellipse`. For known numbers it is a program that is compiled quickly and kept."""
-    if is_known(*numbers):
-        x = compiled(_drawn)(N, *np.asarray(numbers, dtype=float))
+def _made(shape: Callable, given: tuple, counts: dict[str, int], **numbers: ScalarLike) -> NodePoints:
+    """Returns shape(*given, **counts, **numbers). With known values it is a program that is compiled and kept."""
+    if is_known(*given, *numbers.values()):
+        known = {name: np.asarray(number, dtype=float) for name, number in numbers.items()}
+        x = compiled(shape)(*given, **counts, **known)
         if np.all(np.isfinite(np.asarray(x))):
             return x
-    return _drawn(N, *numbers)  # if there is no such ellipse, this says so
-
-
-def _drawn(N: int, reduced_area: ScalarLike, angle: ScalarLike, length: ScalarLike) -> NodePoints:
-    return shapes.ellipse(N, reduced_area, angle=angle, length=length)
+    return shape(*given, **counts, **numbers)  # if there is no such shape, this says so
 
 
 def _radians(degrees: ScalarLike) -> ScalarLike:
@@ -125,11 +123,6 @@ def _resampled(N: int, samples, angle, length) -> NodePoints:
     x = shapes.equispaced(samples, N)
     x = x - curve.centroid(curve.Curve.from_nodes(x))
     return shapes.rotated(shapes.scaled(x, length), angle)
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _undulated(modes: int, seed: int, x, temperature, tension) -> NodePoints:
-    return shapes.undulated(x, temperature=temperature, tension=tension, modes=modes, seed=seed)
 
 
 def _field(table: FieldTable | None, vesicles: tuple[VesicleTable, ...]) -> Field | None:

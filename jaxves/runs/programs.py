@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import jax
 
-from ..base.compiling import FOR_LONG_RUNS, FOR_SHORT_RUNS
+from ..base.compiling import options_for
 from .kept_programs import Kind, is_traced, program
 
 # A step with 64 nodes saves about a millisecond in an optimised program, which takes five seconds longer to compile.
@@ -31,8 +31,7 @@ def compiled(function: Callable, *, quickly: bool = True) -> Callable:
 
     Arguments that are not arrays are static. The function cannot be used inside other compiled functions.
     """
-    on_cpu = jax.default_backend() == "cpu"
-    return _of(function, tuple((FOR_SHORT_RUNS if quickly else FOR_LONG_RUNS).items()) if on_cpu else ())
+    return _of(function, tuple(options_for(jax.default_backend(), quickly=quickly).items()))
 
 
 @functools.cache

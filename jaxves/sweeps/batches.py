@@ -22,7 +22,7 @@ from jax import lax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Float
 
-from ..base.compiling import FOR_LONG_RUNS
+from ..base.compiling import options_for
 from ..inputs.checking import SceneError
 from ..inputs.scene_tables import SceneFile
 from ..inputs.sweep_tables import SweepFile
@@ -103,8 +103,8 @@ def _compiled(program: Program, max_steps: int):
         out_specs=spec,
         check_vma=False,
     )
-    options = FOR_LONG_RUNS if program.devices[0].platform == "cpu" else None
-    return jax.jit(spread).lower(*arguments).compile(compiler_options=options)
+    options = options_for(program.devices[0].platform, quickly=False)
+    return jax.jit(spread).lower(*arguments).compile(compiler_options=options or None)
 
 
 class Batches:
