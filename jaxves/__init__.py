@@ -40,6 +40,7 @@ _PUBLIC = {
     "base.compiling": ("fast_start",),
     "geometry.curve": ("Curve",),
     "geometry.domain": ("Cell",),
+    "geometry.frames": ("Frames", "read_frames"),
     "geometry.placement": ("random_suspension",),
     "geometry.shapes": ("circle", "disturbed", "ellipse", "ellipse_of_excess", "through_points", "undulated"),
     "physics.electric": ("Field",),

@@ -1,6 +1,7 @@
 """Closed curves and the quantities measured on them.
 
-outline_files, outline_fit, outlines    from the points of a file to a smooth closed curve; no JAX
+text_rows, outline_files, outline_fit, outlines     from the points of a file to a smooth closed curve; no JAX
+frame_files, frame_modes, frame_measures, frames    outlines at several times, with their noise
 placement                               places for many vesicles in a cell; no JAX
 shapes      circles, ellipses, curves through points
 curve       `Curve`: nodes with tangent, normal, curvature; area, length, inclination angle

@@ -1,23 +1,20 @@
 """Reads outlines that image programs, spreadsheets and contour tools write: one point per line, with x and y.
 
-- Columns are separated by commas, semicolons, tabs or spaces. Decimal commas are read if they are unambiguous.
-- One line of column names and an index column before x and y are allowed.
-- Comments start with #, % or //. The last point may repeat the first. Any line ends are allowed.
-- The text is in UTF-8, UTF-16 or Latin-1.
+- `text_rows` says how lines may be written.
+- An index column before x and y is allowed. The last point may repeat the first.
 
 For everything else, the error message names the line and says what to change. Nothing here imports JAX.
 """
 
-import re
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from .text_rows import Rows, decoded, read_rows
+
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".npy")
-_COMMENT = re.compile(r"#|%|//")
-_DECIMAL_COMMAS = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 
 
 class OutlineFile(NamedTuple):
@@ -39,12 +36,13 @@ def read_outline(path: Path) -> OutlineFile:
     try:
         if path.suffix.lower() == ".npy":
             return OutlineFile(_array(np.load(path, allow_pickle=False)), None)
-        text = _decoded(path.read_bytes())
+        text = decoded(path.read_bytes())
     except OSError as error:
         raise ValueError(f"a readable file ({error.strerror or 'not such a file'})") from None
     except (ValueError, EOFError) as error:
         raise ValueError(f"{kind} ({' '.join(str(error).split())})") from None
-    return _parsed(text)
+    table = read_rows(text)
+    return OutlineFile(_coordinates(table), table.lines)
 
 
 def _array(points: np.ndarray) -> Float[np.ndarray, "K 2"]:
@@ -53,67 +51,9 @@ def _array(points: np.ndarray) -> Float[np.ndarray, "K 2"]:
     return points.astype(float)
 
 
-def _decoded(data: bytes) -> str:
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return data.decode("utf-16")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
-
-
-def _parsed(text: str) -> OutlineFile:
-    names: list[str] | None = None
-    rows: list[list[float]] = []
-    lines: list[int] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        content = _COMMENT.split(line)[0].rstrip(" \t,;")
-        if not content:
-            continue
-        fields = _fields(content, number)
-        values = _numbers(fields)
-        if values is None and not rows and names is None and re.search(r"[A-Za-z]", content):
-            names = [field.strip(" \"'").lower() for field in fields]
-        elif values is None:
-            raise ValueError(f"two numbers on line {number}, not {_short(line)}: remove the line, or put # before it")
-        else:
-            if rows and len(values) != len(rows[0]):
-                raise ValueError(f"{len(rows[0])} numbers on line {number}, as on the lines before, not {len(values)}")
-            rows.append(values)
-            lines.append(number)
-    if not rows:
-        raise ValueError("lines with the two numbers x and y, but found none")
-    return OutlineFile(_coordinates(np.array(rows), names, lines), tuple(lines))
-
-
-def _fields(content: str, number: int) -> list[str]:
-    """Returns the columns of a line, with decimal points in place of decimal commas."""
-    for separator in (";", "\t"):
-        if separator in content:
-            return [field.strip().replace(",", ".") for field in content.strip(separator).split(separator)]
-    words = content.split()
-    if len(words) > 1 and all(_DECIMAL_COMMAS.fullmatch(word) for word in words):
-        return [word.replace(",", ".") for word in words]
-    if "," not in content:
-        return words
-    fields = [field.strip() for field in content.split(",")]
-    if len(fields) in (4, 6) and all(re.fullmatch(r"[-+]?\d+", field) for field in fields):
-        raise ValueError(
-            f"another separator than a comma on line {number}, where {_short(content)} may be decimal commas: "
-            "write decimal points, or separate the columns by semicolons"
-        )
-    return fields
-
-
-def _numbers(fields: list[str]) -> list[float] | None:
-    try:
-        return [float(field.strip("\"' ")) for field in fields]
-    except ValueError:
-        return None
-
-
-def _coordinates(rows: np.ndarray, names: list[str] | None, lines: list[int]) -> Float[np.ndarray, "K 2"]:
+def _coordinates(table: Rows) -> Float[np.ndarray, "K 2"]:
     """Returns the columns x and y: those with these names, the only two, or the two after an index."""
+    rows, names, lines, _ = table
     count = rows.shape[1]
     if names is not None and len(names) == count and names.count("x") == 1 and names.count("y") == 1:
         chosen = rows[:, [names.index("x"), names.index("y")]]
@@ -128,10 +68,8 @@ def _coordinates(rows: np.ndarray, names: list[str] | None, lines: list[int]) ->
     index = names is not None and count > 2 and np.all(rows[:, 0] == np.round(rows[:, 0]))
     if index and np.any(again := np.diff(rows[:, 0]) <= 0):
         start = lines[int(np.argmax(again)) + 1]
-        raise ValueError(f"one outline, but a second begins on line {start}: keep one outline in a file")
+        raise ValueError(
+            f"one outline, but a second begins on line {start}: keep one outline in a file "
+            "(jaxves.read_frames reads several)"
+        )
     return chosen
-
-
-def _short(text: str) -> str:
-    text = " ".join(text.split())
-    return f'"{text if len(text) <= 40 else text[:37] + "..."}"'

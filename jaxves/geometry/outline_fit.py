@@ -13,6 +13,7 @@ Nothing here imports JAX.
 [S] G. Schwarz, Estimating the dimension of a model, Ann. Statist. 6 (1978) 461-464.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -29,10 +30,16 @@ _SHARE = 3  # least number of points per unknown for which noise can be distingu
 
 
 class Fitted(NamedTuple):
-    """A fitted outline: samples (n, 2), and the standard deviation of the points along its normal."""
+    """A fitted outline: samples (n, 2), and the standard deviation of the points along its normal.
+
+    `feet` are the parameters in (-π, 3π) of the points' nearest places, proportional to arc length. `inside` are the
+    distances of the points from there, positive on the left of the curve, which is inside if it is counter-clockwise.
+    """
 
     samples: Float[np.ndarray, "n 2"]
     deviation: float
+    feet: Float[np.ndarray, "K"]
+    inside: Float[np.ndarray, "K"]
 
 
 def fitted(points: Float[np.ndarray, "K 2"], modes: int, count: int) -> Fitted:
@@ -42,10 +49,15 @@ def fitted(points: Float[np.ndarray, "K 2"], modes: int, count: int) -> Fitted:
     # It starts with few modes, because noise makes the chords longer by different amounts.
     for few in (*range(1, min(modes, 3)), *[modes] * _TURNS):
         t, _, _ = _turned(z, t, few)
-    _, c, deviation = _turned(z, t, modes)
+    _, c, across = _turned(z, t, modes)
     m = np.arange(-modes, modes + 1)
     even = np.exp(1j * np.outer(2 * np.pi * np.arange(count) / count, m)) @ c
-    return Fitted(np.stack([even.real, even.imag], axis=-1), deviation)
+    return Fitted(np.stack([even.real, even.imag], axis=-1), deviation_of(across, modes), t, across)
+
+
+def deviation_of(across: Float[np.ndarray, "K"], modes: int) -> float:
+    """Returns the standard deviation of points whose distances from the curve are `across`."""
+    return float(np.sqrt(np.sum(across**2) / max(len(across) - (2 * modes + 1), 1)))
 
 
 def _by_chords(z) -> np.ndarray:
@@ -59,16 +71,15 @@ def _by_chords(z) -> np.ndarray:
     return 2 * np.pi * np.concatenate([[0.0], np.cumsum(chord)[:-1]]) / np.sum(chord)
 
 
-def _turned(z, t, modes: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Makes one update; returns new parameters, the coefficients c_m for the old ones, and the deviation from them."""
+def _turned(z, t, modes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Makes one update; returns new parameters, the coefficients c_m for the old ones, and the distances from them."""
     m = np.arange(-modes, modes + 1)
-    waves = np.exp(1j * np.outer(t, m))
+    waves = np.vander(np.exp(1j * t), len(m), increasing=True) * np.exp(-1j * modes * t)[:, None]
     c = np.linalg.lstsq(waves.conj().T @ waves, waves.conj().T @ z, rcond=None)[0]
     apart, d = z - waves @ c, waves @ (1j * m * c)
     across = np.imag(apart * np.conj(d)) / np.abs(d)
-    deviation = float(np.sqrt(np.sum(across**2) / max(len(z) - len(m), 1)))
     feet = t + np.clip(np.real(apart * np.conj(d)) / np.abs(d) ** 2, -0.2, 0.2)
-    return _by_arc_length(c, m, feet), c, deviation
+    return _by_arc_length(c, m, feet), c, across
 
 
 def _by_arc_length(c, m, t) -> np.ndarray:
@@ -78,8 +89,8 @@ def _by_arc_length(c, m, t) -> np.ndarray:
     # Fourier coefficients of the speed, integrated: s = mean t + a periodic part.
     k = np.arange(1, count // 2)
     periodic = np.fft.rfft(speed)[1 : count // 2] / (1j * k) * (2 / count)
-    length = np.mean(speed) * t + np.real(np.exp(1j * np.outer(t, k)) @ periodic) - np.real(np.sum(periodic))
-    return length / np.mean(speed)
+    sums = np.polyval([*periodic[::-1], 0.0], np.exp(1j * t)) - np.sum(periodic)
+    return t + np.real(sums) / np.mean(speed)
 
 
 class Noise(NamedTuple):
@@ -90,23 +101,33 @@ class Noise(NamedTuple):
     radius: float
 
 
+def by_modes(
+    points: Float[np.ndarray, "K 2"], most: int
+) -> Iterator[tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]]:
+    """Yields the feet of points in order and their distances from the curves with 1, 2, …, `most` modes (`Fitted`)."""
+    z = points[:, 0] + 1j * points[:, 1]
+    t = _by_chords(z)
+    for modes in range(1, most + 1):
+        for _ in range(_FEW_TURNS - 1):
+            t, _, _ = _turned(z, t, modes)
+        feet = t
+        t, _, across = _turned(z, t, modes)
+        yield feet, across
+
+
 def noise_of(points: Float[np.ndarray, "K 2"]) -> Noise | None:
     """Estimates the noise of points in order; returns None if they may be exact."""
     K = len(points)
     if K < _FEWEST:
         return None
     best, least, most = None, np.inf, min(_MOST, K // 4)
-    z = points[:, 0] + 1j * points[:, 1]
-    t = _by_chords(z)
-    for modes in range(1, most + 1):
-        for _ in range(_FEW_TURNS):
-            t, _, deviation = _turned(z, t, modes)
-        if deviation <= EXACT * _radius(points):
+    for modes, (_, across) in enumerate(by_modes(points, most), start=1):
+        deviation = deviation_of(across, modes)
+        if deviation <= EXACT * radius(points):
             return None
-        unknowns = 2 * modes + 1
-        score = K * np.log(max(deviation, 1e-300) ** 2 * (K - unknowns) / K) + unknowns * np.log(K)
+        score = K * np.log(max(np.mean(across**2), 1e-300)) + (2 * modes + 1) * np.log(K)
         if score < least:
-            best, least = Noise(modes, deviation, _radius(points)), score
+            best, least = Noise(modes, deviation, radius(points)), score
         elif modes >= best.modes + _PATIENCE:
             break
     # Then the points may be exact: the outline has more modes than were tried, or there are too few points to decide.
@@ -114,6 +135,6 @@ def noise_of(points: Float[np.ndarray, "K 2"]) -> Noise | None:
     return None if detailed else best
 
 
-def _radius(points: Float[np.ndarray, "K 2"]) -> float:
+def radius(points: Float[np.ndarray, "K 2"]) -> float:
     """Returns the mean distance of the points from their centre."""
     return float(np.mean(np.linalg.norm(points - np.mean(points, axis=0), axis=1)))

@@ -7,12 +7,14 @@ forcing         the imposed field and flow as a sketch
 run_plots       shapes and time series
 lines           streamlines and field lines
 films           animations
+frame_plots     outlines from a microscope
 sweep_plots     phase diagrams, maps, curves
 drawing         figures by name, for the methods of results
 """
 
 from .drawing import draw, draw_sweep, instant
 from .films import animation, film
+from .frame_plots import outlines
 from .lines import field_lines, streamlines
 from .run_plots import history, membranes, snapshots
 from .style import COLUMN, INK, PAGE, STYLE
@@ -32,6 +34,7 @@ __all__ = [
     "history",
     "instant",
     "membranes",
+    "outlines",
     "phase_diagram",
     "quantity_map",
     "snapshots",
