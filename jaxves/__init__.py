@@ -76,6 +76,7 @@ _PUBLIC = {
     "analysis.observations": ("Observations",),
     "analysis.sensitivity": ("AtEnd", "AtRest", "gradient", "hessian_product", "jacobian", "second_order"),
     "analysis.steady": ("steady_shape",),
+    "analysis.steering": ("Steering", "steer"),
 }
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 _FOLDERS = (

@@ -7,6 +7,7 @@ import pytest
 
 from jaxves.analysis import critical_field, gradcheck, sensitivity
 from jaxves.analysis.observations import Model, Observations
+from jaxves.analysis.steering import steer
 from jaxves.equation import equation
 from jaxves.inputs import uses
 from jaxves.inputs.scene_files import SceneError, parse, to_toml
@@ -73,6 +74,8 @@ def begin(use, file):
             return critical_field.critical_field(file, (1.0, 1.0))
         case uses.GRADIENT_CHECK:
             return next(gradcheck.check_gradients(file, -1.0, 1), None)
+        case uses.CONTROL:
+            return steer(file, "deformation", 0.1)
 
 
 @pytest.mark.parametrize("use", uses.USES, ids=lambda use: use.name)

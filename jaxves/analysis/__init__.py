@@ -9,5 +9,8 @@ search          fit from one start by a trust region
 descent         fit from one start by gradient descent
 kept_starts     the file of finished starts of a fit
 fit             numbers from observations, with confidence intervals
+control         a run as a function of the values of the field, and the cost of missing a goal
+line_search     one step of the search for such values
+steering        the field in time with which a run ends as wanted
 critical_field  the field above which a vesicle does not stay prolate
 """

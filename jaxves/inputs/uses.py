@@ -24,7 +24,8 @@ SENSITIVITY = Use("a sensitivity")
 FIT = Use("a fit")
 CRITICAL_FIELD = Use("a critical field")
 GRADIENT_CHECK = Use("a gradient check")
-USES = (RUN, SWEEP, SENSITIVITY, FIT, CRITICAL_FIELD, GRADIENT_CHECK)
+CONTROL = Use("a control")
+USES = (RUN, SWEEP, SENSITIVITY, FIT, CRITICAL_FIELD, GRADIENT_CHECK, CONTROL)
 
 
 def refuse_unused(scene_file: SceneFile, use: Use, origin: str = "scene") -> None:
