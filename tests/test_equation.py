@@ -195,7 +195,8 @@ def test_how_charging_follows_the_shape_is_the_exact_derivative(ratio):
     @jax.jit
     def both(dx):
         exact = jax.jvp(lambda x: equation.rate(jnp.zeros(()), Unknowns.of(x, y.V_m)).scalars["V_m"], (y.x,), (dx,))[1]
-        return exact, equation.freeze(jnp.zeros(()), y).below(dx)["V_m"]
+        frozen = equation.freeze(jnp.zeros(()), y)
+        return exact, frozen.below(frozen.motion.surfaces, dx)["V_m"]
 
     exact, found = both(dx)
     np.testing.assert_allclose(found, exact, atol=1e-8 * np.max(np.abs(exact)))

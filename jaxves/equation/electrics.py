@@ -6,7 +6,6 @@ Other models are in `staged_charging`.
 """
 
 import abc
-import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
@@ -83,10 +82,11 @@ class AbstractElectrics(eqx.Module):
         found: AbstractElectric,
         scalars: dict[str, VesicleNodes],
         factors: linear.AbstractFactored | None,
-    ) -> Callable[[VesiclePoints], dict[str, VesicleNodes]] | None:
-        """Returns the function from a displacement (M, N, 2) to the change of `rates` at fixed scalars.
+    ) -> Callable[[Surfaces, VesiclePoints], dict[str, VesicleNodes]] | None:
+        """Returns the function from these surfaces and a displacement (M, N, 2) to the change of `rates`.
 
-        It may leave out other membranes. None, which is the default, leaves this dependence to explicit stages.
+        The scalars are fixed. The function may leave out other membranes. None, which is the default, leaves this
+        dependence to explicit stages.
         """
         return None
 
@@ -144,9 +144,9 @@ class MembraneCharging(AbstractElectrics):
         )
 
     def shape_part(self, surfaces, found, scalars, factors):
-        alone = dataclasses.replace(surfaces, interactions=None)
         share = electric.inner_share(self.field.conductivity_ratio)
-        return ChargingOfShape(alone, factors, found.fields, scalars["V_m"], share, self.field.membrane_chi, self.cut)
+        parts = factors, found.fields, scalars["V_m"], share, self.field.membrane_chi
+        return ChargingOfShape.of(surfaces, *parts, self.cut)
 
     def _charge(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, direct: bool, factored: bool):
         field = self.field

@@ -121,8 +121,8 @@ class EqualResponse(AbstractResponse):
 
 def own_spread(curve, stokes_slp: StokesBlocks, laplace_slp: Float[Array, "N N"]) -> Float[Array, "2 N N"]:
     """Returns the matrices of S T of one membrane: the velocity S[(σ x_s)_s]. The weight |x_α| cancels that of ∂_s."""
-    # The kernels are symmetric and ∂_α is antisymmetric, so S ∂ = -(∂ S)ᵀ.
-    xx, xy, log = (-fourier.derivative(kernel, axis=0).T for kernel in (stokes_slp.xx, stokes_slp.xy, laplace_slp))
+    # ∂_α is antisymmetric, so the rows of S ∂ are minus the derivatives of the rows of S.
+    xx, xy, log = (-fourier.derivative(kernel, axis=1) for kernel in (stokes_slp.xx, stokes_slp.xy, laplace_slp))
     # S_yy = log + const - S_xx, and the constant times ∂ is zero, so S_yy ∂ needs no further product.
     yy = log - xx
     tx, ty = curve.tangent[:, 0], curve.tangent[:, 1]

@@ -21,13 +21,14 @@ from ..base.arguments import Bounded, refusal, require_count
 from ..base.bounds import TOLERANCE
 from ..equation import norms
 from ..equation.equation import Equation
+from ..equation.implicit import Frozen
 from ..equation.state import Unknowns
 from ..numerics.arrays import Scalar, as_float
 from ..numerics.batching import greatest
 from .controller import Attempt, PIController
 from .march import AbstractMarch, check_stepper, chosen
 from .schemes import ARK4, AbstractStepper
-from .state import Cache, Journey
+from .state import Cache, Journey, State, Tape
 
 
 class Adaptive(AbstractMarch, Bounded):
@@ -95,21 +96,35 @@ class Adaptive(AbstractMarch, Bounded):
         def turn(journey):
             state, cache = journey.state, journey.cache
             frozen = lax.cond(cache.known, lambda: cache.frozen, lambda: equation.freeze(state.t, state.y))
-            journey = Journey(state, Cache(frozen, jnp.array(True)), journey.tape)
             short = is_short(journey)
-            # If a batch element needs no step, its copy of the step is dropped.
-            return lax.cond(
-                greatest(short), lambda: self._attempt(journey, equation, stops, wanted=short), lambda: journey
+            # If a batch element needs no step, its copy of the step is dropped. The linear part does not pass through
+            # the branches, because each would copy it.
+            state, known, tape = lax.cond(
+                greatest(short),
+                lambda: self._attempt(state, frozen, journey.tape, equation, stops, wanted=short),
+                lambda: (state, jnp.array(True), journey.tape),
             )
+            return Journey(state, Cache(frozen, known), tape)
 
         return lax.while_loop(lambda journey: is_short(journey) | ~journey.cache.known, turn, journey)
 
     def motion(self, journey, equation):
         return journey.cache.frozen.motion
 
-    def _attempt(self, journey: Journey, equation: Equation, stops: Array, *, wanted: Bool[Array, ""]) -> Journey:
-        """Tries one step, and accepts or rejects it. If it is not `wanted`, nothing changes."""
-        state, frozen, tape = journey.state, journey.cache.frozen, journey.tape
+    def _attempt(
+        self,
+        state: State,
+        frozen: Frozen,
+        tape: Tape | None,
+        equation: Equation,
+        stops: Array,
+        *,
+        wanted: Bool[Array, ""],
+    ) -> tuple[State, Bool[Array, ""], Tape | None]:
+        """Tries one step, and accepts or rejects it. If it is not `wanted`, nothing changes.
+
+        Returns the state, whether `frozen` is still its linear part, and the tape.
+        """
         for period in equation.scene.periods():  # the error estimate must see field and flow change
             longest = lax.stop_gradient(period) / 8
             state = eqx.tree_at(lambda s: s.h, state, jnp.minimum(state.h, longest))
@@ -138,7 +153,7 @@ class Adaptive(AbstractMarch, Bounded):
         new = eqx.tree_at(lambda s: (s.h, s.status), new, (lax.stop_gradient(new.h), code))
         if tape is not None:
             tape = tape.with_step(accepted, attempt.t_new, y_new, jnp.where(attempt.at_stop, attempt.stop, -1))
-        return Journey(chosen(wanted, new, state), Cache(frozen, ~accepted), tape)
+        return chosen(wanted, new, state), ~accepted, tape
 
     def weighted_error(self, equation: Equation, error: Unknowns, y: Unknowns) -> Scalar:
         """Returns the error of a step to y that is compared with the tolerance."""
