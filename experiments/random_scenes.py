@@ -18,7 +18,6 @@ import collections
 import json
 import os
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -118,9 +117,10 @@ def run(count=100, seed=1, nodes=(64, "auto"), longest=0.5, known=(), keep=lambd
     found = list(known)
     if [case["scene"] for case in found] != [to_toml(scene) for scene in scenes[: len(found)]]:
         raise SystemExit("The stored cases are of other scenes: run without --resume.")
-    # A process may hold a limited number of compiled programs: each of these ends after a few scenes.
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), max_tasks_per_child=_TOGETHER) as processes:
-        for i, case in enumerate(processes.map(tried, scenes[len(found) :]), start=len(found)):
+    # A process may hold a limited number of compiled programs: each of these ends after a few scenes. A pool replaces
+    # it; an executor with `max_tasks_per_child` can then wait forever (Python 3.11).
+    with get_context("spawn").Pool(os.cpu_count(), maxtasksperchild=_TOGETHER) as processes:
+        for i, case in enumerate(processes.imap(tried, scenes[len(found) :]), start=len(found)):
             found.append(case)
             keep(found)
             print("{:3} {word:14} stated {stated:.1e} true {true:.1e} finer {finer}".format(i, **case), flush=True)

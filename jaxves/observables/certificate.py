@@ -74,6 +74,11 @@ def is_inaccurate(greatest: Mapping[str, Any], xp: Any = np) -> Any:
     return ~(xp.max(xp.stack(list(values(greatest).values()))) < 10.0**-LEAST_DIGITS)
 
 
+def has_enough_digits(links: Mapping[str, Link]) -> bool:
+    """Returns whether every link of a `certificate` has at least one digit; a link that is NaN has none."""
+    return bool(np.max([link.value for link in links.values()]) < 10.0**-LEAST_DIGITS)
+
+
 def certificate(diagnostics: Mapping[str, np.ndarray], error: float | None = None) -> dict[str, Link]:
     """Returns the links of a result by name, from its diagnostics. Their first axis has at least one saved time.
 

@@ -16,7 +16,7 @@ from ..inputs.scene_files import Readable
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import RUN
 from ..observables import classes, diagnostics
-from ..observables.certificate import LEAST_DIGITS, certificate, weakest
+from ..observables.certificate import certificate, has_enough_digits
 from ..results import hdf5, run_store
 from ..results.ownership import real, writing
 from ..stepping.state import Window
@@ -93,7 +93,7 @@ def _carried_out(scene_file: SceneFile, begun: Begun, began: float, progress: Pr
             begun.rows.write()
             error = _error(scene_file, begun, progress) if word in status.SUCCESS else None
             links = certificate(writer.diagnostics(), error)
-            if word in status.SUCCESS and not links[weakest(links)].digits >= LEAST_DIGITS:
+            if word in status.SUCCESS and not has_enough_digits(links):
                 word = status.WORDS[status.INACCURATE]
                 advice = status.ADVICE[word]
             writer.finish(word, advice, time.perf_counter() - began, _averages(begun), links, error)
