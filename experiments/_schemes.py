@@ -75,6 +75,7 @@ class Even(AbstractEven):
     stepper: AbstractStepper
     projection: bool = eqx.field(static=True, default=True)
     rough: float = eqx.field(static=True, default=ROUGH)
+    nodes_per_wave: float | None = eqx.field(static=True, default=None)
 
     def with_tolerance(self, factor):
         steps = jnp.ceil(self.steps * factor ** (-1 / (self.stepper.order + 1))).astype(int)

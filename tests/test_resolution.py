@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from conftest import Stops, star, stored
 
+from jaxves.base import resolution
 from jaxves.equation.projection import Filter
 from jaxves.inputs.scene_files import parse
 from jaxves.numerics import fourier
 from jaxves.observables.rows import Row
 from jaxves.results import run_store
-from jaxves.runs import adapt_nodes, problem, runner
+from jaxves.runs import adapt_nodes, runner
 
 
 def pop(nodes):
@@ -51,8 +52,8 @@ def test_the_monitor_asks_for_what_shape_potential_or_tension_lack():
 @pytest.mark.slow
 def test_a_run_takes_the_nodes_that_it_needs(tmp_path, monkeypatch):
     """Squaring wants 64, on the way back too; between 48 do. Same answer as with 64, and the same bits when resumed."""
-    for module in (problem, adapt_nodes):
-        monkeypatch.setattr(module, "AUTO_NODES", (48, 64))
+    monkeypatch.setattr(resolution, "AUTO_NODES", (48, 64))
+    monkeypatch.setattr(resolution, "USUAL_NODES", 64)
     auto, fixed, parts = (tmp_path / name for name in ("auto.h5", "fixed.h5", "parts.h5"))
     assert runner.run(pop('"auto"'), auto) == "complete"
     found = run_store.read_result(auto)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import Stops, stored
 
-from jaxves.base import status
+from jaxves.base import resolution, status
 from jaxves.equation.projection import Filter
 from jaxves.inputs.scene_files import parse
 from jaxves.numerics import fourier
@@ -155,11 +155,12 @@ def test_auto_takes_the_fewest_nodes_that_resolve_the_start(area):
 
     chosen = with_nodes('"auto"')
     N = chosen.shape[0]
-    assert N in problem.AUTO_NODES
+    sizes = resolution.sizes_up_to(0)
+    assert N in sizes
     np.testing.assert_array_equal(chosen, with_nodes(N))
-    if problem.AUTO_NODES[-1] != N:
+    if sizes[-1] != N:
         assert tail(chosen) < 1e-6
-    for fewer in problem.AUTO_NODES[: problem.AUTO_NODES.index(N)]:
+    for fewer in sizes[: sizes.index(N)]:
         assert tail(with_nodes(fewer)) >= 1e-6
 
 

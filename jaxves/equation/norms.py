@@ -54,20 +54,26 @@ def solve_status(frozen: Frozen) -> Status:
     return verdict(frozen.motion.residual)
 
 
-def step_status(equation: Equation, frozen: Frozen, y: Unknowns, rough: float) -> Status:
+def step_status(
+    equation: Equation, frozen: Frozen, y: Unknowns, rough: float, nodes_per_wave: float | None = None
+) -> Status:
     """Returns RUNNING, or the status with which a step from a frozen state to y ends the run.
 
-    `rough` is the largest ratio of the top of a spectrum to its largest mode for a resolved shape.
+    `rough` is the largest ratio of the top of a spectrum to its largest mode for a resolved shape. `nodes_per_wave` is
+    the least number of nodes for a wave of the fastest growing wrinkle. If it is None, the wrinkle must only be a mode
+    that the nodes keep.
     """
     code = verdict(frozen.motion.residual)
-    unresolved = _is_rough(equation, frozen.motion, y, rough)
+    unresolved = _is_rough(equation, frozen.motion, y, rough, nodes_per_wave)
     code = jnp.where((code == status.RUNNING) & unresolved, status.UNRESOLVED, code)
     # If interactions are crowded, the step is NaN. The status is then CROWDED.
     finite = jnp.isfinite(_largest((y.x, y.scalars))) | (code == status.CROWDED)
     return jnp.where(finite, code, status.NOT_FINITE)
 
 
-def _is_rough(equation: Equation, motion: Motion, y: Unknowns, rough: float) -> Bool[Array, ""]:
+def _is_rough(
+    equation: Equation, motion: Motion, y: Unknowns, rough: float, nodes_per_wave: float | None
+) -> Bool[Array, ""]:
     """Returns whether the shape has a rough spectrum, or wrinkles grow in it that the nodes do not resolve.
 
     Wrinkles may appear and vanish between saved times, and leave a smooth shape that is wrong.
@@ -75,8 +81,12 @@ def _is_rough(equation: Equation, motion: Motion, y: Unknowns, rough: float) -> 
     cut, N = equation.filter.x, y.x.shape[1]
 
     def of_one(x, curve, sigma, bending):
-        finest = membrane.fastest_wrinkle(curve, sigma, bending)
-        return (fourier.spectral_tail(x, cut) > rough) | (finest > N // 2 - cut)
+        if nodes_per_wave is None:
+            unresolved = membrane.fastest_wrinkle(curve, sigma, bending) > N // 2 - cut
+        else:  # σ is less than the tension of a strongly curved tip, which does not wrinkle
+            tension = membrane.physical_tension(curve, sigma, bending)
+            unresolved = nodes_per_wave * membrane.fastest_wrinkle(curve, tension, bending) > N
+        return (fourier.spectral_tail(x, cut) > rough) | unresolved
 
     found = jax.vmap(of_one)(y.x, motion.surfaces.curves, motion.sigma, equation.scene.bending)
     return lax.stop_gradient(jnp.any(found))

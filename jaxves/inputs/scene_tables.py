@@ -181,8 +181,9 @@ class NumericsTable(Table):
     """The numerical parameters.
 
     `nodes = "auto"` starts with the fewest of 64, 96, 128, 192 and 256 nodes that resolve the starting curves: the top
-    of their spectra is below 1e-6 of the largest mode. Then the number is adapted to shape, potential and tension
-    (`runs/adapt_nodes.py`). `/nodes` of the result has the number that was used. All rows are stored with 256 nodes.
+    of their spectra is below 1e-6 of the largest mode. A compressed membrane starts with as many as its wrinkles need
+    (`runs/first_nodes.py`), up to 2048. Then the number, which `/nodes` has, is adapted (`runs/adapt_nodes.py`). Rows
+    are stored with the largest number that the run may use, 256 unless wrinkles need more.
 
     `method = "auto"` is "ark4". For a tolerance below 3e-6, or below 3e-5 with several vesicles, it is "ark5".
 

@@ -1,6 +1,7 @@
 """The [[vesicle]] tables of a scene file: an ellipse, a circle, or a curve through points."""
 
 import abc
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -9,7 +10,7 @@ import numpy as np
 from pydantic import Discriminator, Tag, model_validator
 
 from ..base import physical_numbers
-from ..base.resolution import AUTO_NODES, kept_modes
+from ..base.resolution import kept_modes, sizes_up_to
 from ..geometry import outlines
 from ..geometry.outline_files import SUFFIXES, read_outline
 from .checking import Table, number, refusal
@@ -80,8 +81,8 @@ def undulation_modes(vesicle: VesicleTable) -> int:
 
 
 def check_undulations(vesicles: Sequence[VesicleTable], nodes: int | Literal["auto"]) -> None:
-    """Refuses undulations with more modes than the nodes at the start of the run keep."""
-    N = AUTO_NODES[0] if nodes == "auto" else nodes
+    """Refuses undulations with more modes than the nodes keep; for "auto", than the largest number of nodes keeps."""
+    N = sizes_up_to(math.inf)[-1] if nodes == "auto" else nodes
     for i, vesicle in enumerate(vesicles):
         modes = undulation_modes(vesicle)
         if modes > kept_modes(N):

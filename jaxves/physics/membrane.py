@@ -51,7 +51,7 @@ def fastest_wrinkle(curve: Curve, sigma: Nodes, bending: Scalar) -> Scalar:
     """Returns the number of waves along the membrane of the fastest growing wrinkle; 0 without compression.
 
     A wave q on a plane membrane grows at the rate (-σ q - κ_B q³)/4, which is largest at q² = -σ/3κ_B. The least σ on
-    the membrane is used.
+    the membrane is used. `sigma` may also be the physical tension, which differs where the membrane is curved.
     """
     compression = jnp.maximum(-jnp.min(sigma), 0.0)
     return jnp.mean(curve.speed) * jnp.sqrt(compression / (3 * bending))

@@ -6,6 +6,7 @@ rest            relaxes vesicles before a run
 problem         everything that time stepping needs, for one number of nodes
 adapt_nodes     adapts the number of nodes during a run
 error_estimate  estimates the error of a whole run with a second run
+first_nodes     the nodes with which a run begins, as many as wrinkles need
 earlier         starts a run from the result of another
 continuation    decides whether a result file can be continued
 rows            a buffer of rows that are written to the result file

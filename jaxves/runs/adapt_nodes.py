@@ -5,13 +5,17 @@ resolved, the interval is computed again with more nodes. If its end would be re
 interval has fewer. The end of an interval is not resolved if
 
 - the top of a spectrum of x or V_m exceeds `limit` times its largest mode, or that of the tension 1000 times this value
-  (a mode k of λ moves the membrane by a factor of 1/k³ less); or
-- a neck or fold is narrower than four node spacings.
+  (a mode k of λ moves the membrane by a factor of 1/k³ less);
+- a neck or fold is narrower than four node spacings; or
+- the membrane is so compressed that N < 3 √|λ_min|, with the most negative tension λ_min in κ_B/ρ² and the perimeter
+  2πρ. The fastest growing wrinkle then has fewer than 5.2 nodes per wave. This rule also holds at every step
+  (`AbstractMarch.nodes_per_wave`): an interval that breaks it is computed again.
 
 The program for each number of nodes is compiled once. When the number changes, the new nodes lie on the interpolant of
 the old ones. They are projected, so that area, perimeter and equal spacing are kept.
 """
 
+import copy
 from collections.abc import Callable
 
 import equinox as eqx
@@ -20,24 +24,27 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base import status
-from ..base.resolution import AUTO_NODES, kept_modes
+from ..base.resolution import kept_modes, nodes_for_waves, sizes_up_to
 from ..equation.equation import Equation
 from ..equation.projection import Filter
 from ..equation.state import Unknowns
 from ..inputs.scene_tables import SceneFile
 from ..inputs.vesicle_tables import undulation_modes
 from ..numerics import fourier
+from ..numerics.arrays import VesiclePoints
 from ..observables.rows import Row
+from ..physics.scene import Scene
 from ..stepping.loop import to_save
 from ..stepping.state import Journey, State
 from .build import build
 from .case import Case
-from .problem import Problem, awaited, problem_of, strengthened, with_nodes
+from .problem import Problem, awaited, begun, keeps_linear_part, problem_of, strengthened, with_nodes
 from .programs import compiled, is_long
 
 _TENSION = 1e3  # limit of the tension divided by that of x and V_m
 _NECK = 4.0  # least number of node spacings along the narrowest chord
 _HYSTERESIS = 0.1  # fewer nodes are used if they stay below this fraction of the limit
+_ROOM = 1.2  # and are this many times as many as the wrinkles need
 _FEWEST = 12
 _LOOSER = 30.0  # factor on the limit for a second run with fewer nodes
 _RESOLVABLE = frozenset({status.UNRESOLVED, status.DRIFT, status.SOLVE_FAILED, status.SELF_CONTACT}) | {
@@ -49,7 +56,10 @@ _RESOLVABLE = frozenset({status.UNRESOLVED, status.DRIFT, status.SOLVE_FAILED, s
 
 def _march(problem: Problem, journey: Journey, t_save):
     stops = jnp.append(problem.stops, t_save)
-    return to_save(journey, problem.equation, problem.march, t_save, stops, problem.checks)
+    kept = keeps_linear_part(journey.state)
+    journey = journey if kept else problem.march.begin(journey.state, problem.equation)
+    journey, row = to_save(journey, problem.equation, problem.march, t_save, stops, problem.checks)
+    return (journey if kept else Journey(journey.state)), row
 
 
 def _interpolated(y: Unknowns, N: int) -> Unknowns:
@@ -65,7 +75,7 @@ def _with_nodes(problem: Problem, N: int) -> tuple[Equation, Journey]:
     """Returns the equation with N nodes, and a journey whose state is interpolated but not projected."""
     equation = problem.equation.with_nodes(N)
     state = eqx.tree_at(lambda s: s.y, problem.state, _interpolated(problem.state.y, N))
-    return equation, problem.march.begin(state, equation)
+    return equation, begun(equation, problem.march, state)
 
 
 def finer_rows(f: np.ndarray, K: int) -> np.ndarray:
@@ -95,6 +105,25 @@ def necks_hold(row: Row, N: int) -> bool:
     """Returns whether N nodes are enough for the narrowest chords of all vesicles."""
     spacing = row.diagnostics["length"] / N
     return bool(np.all(row.diagnostics["self_gap"] >= _NECK * spacing))
+
+
+def nodes_for_wrinkles(row: Row, bending: np.ndarray) -> float:
+    """Returns the number of nodes that the compression of the membranes at one saved time asks for."""
+    compression = np.maximum(-row.diagnostics["tension_min"][0], 0.0)
+    radius = row.diagnostics["length"][0] / (2 * np.pi)
+    return nodes_for_waves(float(np.max(radius * np.sqrt(compression / (3 * bending)))))
+
+
+def rebuilt(scene_file: SceneFile, x: VesiclePoints, N: int) -> Scene | None:
+    """Returns the scene of the file with N nodes.
+
+    It is None if the file does not describe the starting nodes x: they are relaxed, or taken from another run. The same
+    holds if N nodes do not resolve its undulations.
+    """
+    if any(undulation_modes(vesicle) > kept_modes(N) for vesicle in scene_file.vesicle):
+        return None
+    own = build(with_nodes(scene_file, x.shape[1])).x
+    return build(with_nodes(scene_file, N)) if np.allclose(own, x, rtol=0.0, atol=1e-12) else None
 
 
 class Resolution:
@@ -138,6 +167,12 @@ class Resolution:
         other = Resolution(first, sizes, limit)
         return other, first.state if problem else other._moved(first.state, N)
 
+    def up_to(self, nodes: float | int) -> "Resolution":
+        """Returns the same run with numbers of nodes up to about `nodes`, and at least that of its start."""
+        other = copy.copy(self)
+        other.sizes = sizes_up_to(max(nodes, self.first.state.y.x.shape[1]))
+        return other
+
     def problem(self, N: int) -> Problem:
         """Returns the problem with N nodes."""
         if N not in self._problems:
@@ -175,8 +210,9 @@ class Resolution:
         """
         N = state.y.x.shape[1]
         after, row = self.row(state, t_save)
-        while self._wants_more(after, row, N):
-            N = min(K for K in self.sizes if K > N)
+        while self._wants_more(int(after.status), row, N):
+            wanted = self.wanted(row) if len(row.t) else 0.0
+            N = next((K for K in self.sizes if N < K and wanted <= K), self.sizes[-1])
             state = self._moved(state, N)
             after, row = self.row(state, t_save)
         fewer = max((K for K in self.sizes if K < N), default=None)
@@ -184,42 +220,38 @@ class Resolution:
             after = self._moved(after, fewer)
         return after, self.stored(row)
 
-    def _wants_more(self, after: State, row: Row, N: int) -> bool:
+    def _wants_more(self, code: int, row: Row, N: int) -> bool:
         if self.sizes[-1] == N:
             return False
-        if not len(row.t) or int(after.status) in _RESOLVABLE:
-            return int(after.status) in _RESOLVABLE
-        return demand(row, N) > self.limit or not necks_hold(row, N)
+        if not len(row.t) or code in _RESOLVABLE:
+            return code in _RESOLVABLE
+        return demand(row, N) > self.limit or not necks_hold(row, N) or self.wanted(row) > N
 
     def _is_enough(self, row: Row, N: int) -> bool:
-        return demand(row, N) < _HYSTERESIS * self.limit and necks_hold(row, N)
+        fits = demand(row, N) < _HYSTERESIS * self.limit and necks_hold(row, N)
+        return fits and _ROOM * self.wanted(row) <= N
+
+    def wanted(self, row: Row) -> float:
+        """Returns the number of nodes that the compression of the membranes in a row asks for."""
+        return nodes_for_wrinkles(row, np.asarray(self.first.equation.scene.bending))
 
     def _moved(self, state: State, N: int) -> State:
         y = strengthened(compiled(_settled)(self.problem(N).equation, state.y))
         return eqx.tree_at(lambda s: s.y, state, y)
 
 
-def resolution_of(scene_file: SceneFile, problem: Problem) -> Resolution:
-    """Returns the numbers of nodes for a run: a fixed one, or those of "auto".
+def resolution_of(scene_file: SceneFile, problem: Problem, largest: float | int) -> Resolution:
+    """Returns the numbers of nodes for a run: a fixed one, or those of "auto" up to `largest`.
 
     For "auto" the limit of the spectra is a hundredth of the tolerance, in [1e-9, 1e-5].
     """
     x = problem.equation.scene.x
 
     def anew(N: int) -> Problem | None:
-        """Returns None if the start is not the one that the file describes: relaxed, or taken from another run.
-
-        The same holds if N nodes do not resolve its undulations.
-        """
-        if any(undulation_modes(vesicle) > kept_modes(N) for vesicle in scene_file.vesicle):
-            return None
-        own = build(with_nodes(scene_file, x.shape[1])).x
-        if not np.allclose(own, x, rtol=0.0, atol=1e-12):
-            return None
-        other = with_nodes(scene_file, N)
-        return problem_of(Case(other), build(other))
+        scene = rebuilt(scene_file, x, N)
+        return None if scene is None else problem_of(Case(with_nodes(scene_file, N)), scene)
 
     if scene_file.numerics.nodes != "auto":
         return Resolution(problem, (x.shape[1],), 0.0, anew)
     tolerance = scene_file.numerics.tolerance or 1e-4
-    return Resolution(problem, AUTO_NODES, float(np.clip(1e-2 * tolerance, 1e-9, 1e-5)), anew)
+    return Resolution(problem, sizes_up_to(largest), float(np.clip(1e-2 * tolerance, 1e-9, 1e-5)), anew)

@@ -19,6 +19,7 @@ from .build import build
 from .case import Case
 from .continuation import saved_times
 from .earlier import started_from
+from .first_nodes import first_row
 from .problem import NotRelaxed, problem_of, relaxed, starting_scene, strengthened
 from .rows import Rows, restored
 
@@ -60,12 +61,10 @@ def new(
     """Begins a new run and writes its first row. The arguments are those of `runner.run`."""
     case, (scene, origin, failed) = Case(scene_file), _started(scene_file, start, at, progress)
     progress(0.0, "compiling")
-    problem = strengthened(problem_of(case, scene))
-    resolution = resolution_of(scene_file, problem)
-    state, row = resolution.row(problem.state, 0.0)
+    scene, resolution, state, row = first_row(case, scene)
     row = resolution.stored(row)
     _, M, N = row.x.shape[:3]
-    symmetry = problem.equation.symmetry
+    symmetry = resolution.first.equation.symmetry
     writer = run_writer.Writer(
         path,
         scene_text=to_toml(scene_file),
@@ -88,7 +87,8 @@ def continued(scene_file: SceneFile, path: Path) -> Begun:
 
     The starting shapes come from the file, so that vesicles are not relaxed again.
     """
-    deformation = run_store.read_result(path).diagnostics.get("deformation_along_field", ())
+    record = run_store.read_result(path)
+    deformation = record.diagnostics.get("deformation_along_field", ())
     leaves = run_store.state(path)
     start = {name: leaves.pop(name) for name in (_START, _START_V_m) if name in leaves}
     given = jnp.asarray(start[_START]), jnp.asarray(start[_START_V_m]) if _START_V_m in start else None
@@ -99,4 +99,4 @@ def continued(scene_file: SceneFile, path: Path) -> Begun:
     rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start)
     rows.deformation.extend(deformation)
     rows.state = state
-    return Begun(resolution_of(scene_file, problem), rows.state, rows)
+    return Begun(resolution_of(scene_file, problem, record.x.shape[2]), rows.state, rows)

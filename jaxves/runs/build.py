@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from ..base.arguments import is_known
 from ..base.physical_numbers import PER_VESICLE
+from ..base.resolution import nodes_for_modes
 from ..geometry import curve, outlines, shapes
 from ..geometry.domain import Cell
 from ..inputs.cell_tables import CellTable
@@ -41,14 +42,13 @@ from ..inputs.vesicle_tables import (
     PointsVesicle,
     UndulationTable,
     VesicleTable,
+    undulation_modes,
 )
 from ..numerics.arrays import NodePoints, ScalarLike, as_float
 from ..physics import flow, waveform
 from ..physics.electric import Field
 from ..physics.scene import Scene, make_scene
 from .programs import compiled
-
-_NODES = 64  # first number of nodes for `nodes = "auto"`
 
 
 def build(scene_file: SceneFile) -> Scene:
@@ -57,8 +57,10 @@ def build(scene_file: SceneFile) -> Scene:
     Raises:
         SceneError: the thermal undulations of a vesicle need more length than its shape has.
     """
-    N = _NODES if scene_file.numerics.nodes == "auto" else scene_file.numerics.nodes
     vesicles = scene_file.vesicles(jnp)
+    N = scene_file.numerics.nodes
+    if N == "auto":
+        N = nodes_for_modes(max(undulation_modes(vesicle) for vesicle in vesicles))
     return make_scene(
         [_nodes(vesicle, N) for vesicle in vesicles],
         bending=jnp.stack([as_float(vesicle.bending) for vesicle in vesicles]),

@@ -11,6 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..base import status
+from ..base.resolution import NODES_PER_WAVE
 from ..equation.equation import Equation, equation_for
 from ..inputs.checking import checked
 from ..inputs.scene_files import Readable, read_scene
@@ -62,10 +63,11 @@ class Case(eqx.Module):
             chosen = schemes.for_tolerance(numerics.tolerance, len(file.vesicles()))
         else:
             chosen = _STEPPERS[numerics.method]()
+        waves = NODES_PER_WAVE if numerics.nodes == "auto" else None
         if numerics.time_step is None:
-            return Adaptive(numerics.tolerance, chosen)
+            return Adaptive(numerics.tolerance, chosen, nodes_per_wave=waves)
         spacing = (file.t_end if t_end is None else t_end) / (file.saves if saves is None else saves)
-        return Fixed(math.ceil(spacing / numerics.time_step * (1 - 1e-12)), chosen)
+        return Fixed(math.ceil(spacing / numerics.time_step * (1 - 1e-12)), chosen, nodes_per_wave=waves)
 
     def solved_by(self, scene: Scene) -> tuple[AbstractSolver | None, AbstractCoupling | None]:
         """Returns the solver for the charge of one membrane and the coupling of several, as `[numerics]` asks for."""

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base.arguments import refusal
-from ..base.resolution import AUTO_NODES
+from ..base.resolution import sizes_up_to
 from ..geometry import starts
 from ..geometry.shapes import equispaced_parameters
 from ..inputs.scene_tables import SceneFile
@@ -70,7 +70,8 @@ def _row(record: Record, path: str | Path, at: float | None) -> int:
 def _nodes(scene_file: SceneFile, used: int) -> int:
     if scene_file.numerics.nodes != "auto":
         return scene_file.numerics.nodes
-    return next((N for N in AUTO_NODES if used <= N), AUTO_NODES[-1])
+    sizes = sizes_up_to(used)
+    return next((N for N in sizes if used <= N), sizes[-1])
 
 
 def _evenly(fields: np.ndarray):

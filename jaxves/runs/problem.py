@@ -14,12 +14,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base import status
-from ..base.resolution import AUTO_NODES
+from ..base.resolution import nodes_for_modes, sizes_up_to
 from ..equation.equation import Equation, equation_for
 from ..equation.projection import Filter
 from ..equation.state import Unknowns
 from ..inputs.scene_files import parse
 from ..inputs.scene_tables import SceneFile
+from ..inputs.vesicle_tables import undulation_modes
 from ..numerics import fourier
 from ..numerics.arrays import VesiclePoints
 from ..observables import diagnostics
@@ -34,6 +35,7 @@ from .build import build
 from .case import Case
 from .programs import compiled
 
+_MANY_NODES = 512
 _RESOLVED = 1e-6  # largest spectral tail of a resolved starting curve, for `nodes = "auto"`
 
 
@@ -66,11 +68,17 @@ class Problem(eqx.Module):
 
 
 def starting_scene(scene_file: SceneFile) -> Scene:
-    """Returns the scene of the file. For `nodes = "auto"` it has the fewest nodes that resolve all starting curves."""
+    """Returns the scene of the file. For `nodes = "auto"` it has the fewest nodes that resolve all starting curves.
+
+    They also keep all modes of the thermal undulations.
+    """
     if scene_file.numerics.nodes != "auto":
         return build(scene_file)
-    finest = build(with_nodes(scene_file, AUTO_NODES[-1]))
-    for N in AUTO_NODES[:-1]:
+    modes = max(undulation_modes(vesicle) for vesicle in scene_file.vesicles())
+    least = nodes_for_modes(modes)
+    sizes = [N for N in sizes_up_to(2 * least if modes else 0) if least <= N]
+    finest = build(with_nodes(scene_file, sizes[-1]))
+    for N in sizes[:-1]:
         if compiled(is_resolved)(finest.x, N):
             return build(with_nodes(scene_file, N))
     return finest
@@ -115,7 +123,20 @@ def _started(scene: Scene, march: AbstractMarch, t_end, average, solved_by):
     integrands = None if average is None else diagnostics.averaged
     equation = equation_for(scene, solver=solver, coupling=coupling, integrands=integrands)
     state = initial_state(equation, march, average)
-    return equation, stops_of(scene, t_end, average), march.begin(state, equation)
+    return equation, stops_of(scene, t_end, average), begun(equation, march, state)
+
+
+def begun(equation: Equation, march: AbstractMarch, state: State) -> Journey:
+    """Returns a journey that begins at `state`. With many nodes it has no linear part, to save memory."""
+    return march.begin(state, equation) if keeps_linear_part(state) else Journey(state)
+
+
+def keeps_linear_part(state: State) -> bool:
+    """Returns whether F and A at a saved time are kept for the step that follows, or are computed again.
+
+    They take about fifteen matrices per vesicle, which is 0.5 GB for 2048 nodes.
+    """
+    return state.y.x.shape[1] < _MANY_NODES
 
 
 def strengthened(tree):

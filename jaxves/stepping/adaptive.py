@@ -59,6 +59,7 @@ class Adaptive(AbstractMarch, Bounded):
     recorded: int | None = eqx.field(static=True, default=1024)
     edge_weight: float = eqx.field(static=True, default=30.0)
     rough: float = eqx.field(static=True, default=norms.ROUGH)
+    nodes_per_wave: float | None = eqx.field(static=True, default=None)
 
     def __check_init__(self):
         check_stepper(self)

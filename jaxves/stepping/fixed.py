@@ -41,6 +41,7 @@ class Fixed(AbstractEven):
     stepper: AbstractStepper = ARK4()
     projection: bool = eqx.field(static=True, default=True)
     rough: float = eqx.field(static=True, default=norms.ROUGH)
+    nodes_per_wave: float | None = eqx.field(static=True, default=None)
 
     def __check_init__(self):
         require_count("Fixed.steps_per_save", self.steps_per_save)

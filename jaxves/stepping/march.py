@@ -22,13 +22,15 @@ class AbstractMarch(eqx.Module):
 
     `projection=False` leaves out the projection to the conserved area and metric; it is for experiments. `recorded` is
     the number of steps that can be recorded for a derivative, or None if the loop itself is differentiated. `rough` is
-    the spectral tail of a shape above which a run ends as unresolved at any step.
+    the spectral tail of a shape above which a run ends as unresolved at any step. It also does with fewer
+    `nodes_per_wave` of the fastest growing wrinkle, or, if that is None, without a mode for it.
     """
 
     stepper: eqx.AbstractVar[AbstractStepper]
     projection: eqx.AbstractVar[bool]
     recorded: eqx.AbstractVar[int | None]
     rough: eqx.AbstractVar[float]
+    nodes_per_wave: eqx.AbstractVar[float | None]
 
     @abc.abstractmethod
     def first_step(self) -> Scalar:
@@ -73,7 +75,7 @@ class AbstractMarch(eqx.Module):
 
         `frozen` is the linear part at the start of the step, and `error` its embedded error.
         """
-        code = norms.step_status(equation, frozen, y, self.rough)
+        code = norms.step_status(equation, frozen, y, self.rough, self.nodes_per_wave)
         return State(
             t=t,
             y=y,
