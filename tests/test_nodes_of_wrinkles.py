@@ -1,4 +1,4 @@
-"""`nodes = "auto"` under compression: enough nodes at the start, fewer when the tension relaxes, a rule at every step."""
+"""`nodes = "auto"` under compression: enough nodes at the start, fewer when it relaxes, a rule at every step."""
 
 import math
 import tomllib

@@ -15,6 +15,7 @@ from ..base import status
 from ..observables import classes, pair_classes
 from ..observables.certificate import certificate, weakest
 from ..observables.rotor import threshold_of
+from ..observables.wrinkles import missed_wrinkles
 from ..results.ownership import writer_of
 from ..results.run_store import Record
 
@@ -65,6 +66,8 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
                 f"β = {tables['field']['beta']:.3g} exceeds {threshold:.3g}, beyond which a round vesicle with these "
                 "numbers turns by itself (Quincke rotation). The kept symmetry excludes this: set `disturbance`."
             )
+    if warning := _missed_wrinkles(record):
+        yield warning
     if "deformation_along_field" in record.diagnostics:
         codes = classes.classify(record.diagnostics["deformation_along_field"])
         yield "class: " + ", ".join(classes.NAMES[code] for code in codes)
@@ -79,6 +82,14 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
     for name, value in (record.averages or {}).items():
         yield f"average {name}: {value.tolist()}"
+
+
+def _missed_wrinkles(record: Record) -> str | None:
+    """Returns a line if the run missed wrinkles because nothing disturbs its start; None for other starts."""
+    if record.attributes.get("started_from"):
+        return None
+    found = record.diagnostics
+    return missed_wrinkles(tomllib.loads(record.scene), record.t, found["tension_min"], found["length"])
 
 
 def pair_class(record: Record) -> str:

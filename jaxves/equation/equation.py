@@ -235,7 +235,8 @@ class Equation(eqx.Module):
         """Returns the same equation with N nodes per membrane, with the same areas and perimeters."""
         x = fourier.resample(self.scene.x, N, axis=1)
         scene = eqx.tree_at(lambda s: (s.x, s.V_m), self.scene, (x, None), is_leaf=lambda leaf: leaf is None)
-        return eqx.tree_at(lambda e: (e.scene, e.filter), self, (scene, Filter.for_nodes(N)))
+        parts = scene, Filter.for_nodes(N), Refinement.for_nodes(N)
+        return eqx.tree_at(lambda e: (e.scene, e.filter, e.refinement), self, parts)
 
     def start(self) -> Unknowns:
         """Returns the starting state, filtered and projected."""
@@ -267,7 +268,7 @@ def equation_for(
         filter: the modes that are removed; the default depends on the number of nodes.
         solver: solver for the charge of one membrane; the default depends on the number of nodes.
         coupling: interactions of several membranes; the default depends on their size (`cells.coupling_of`).
-        refinement: finer grids where a membrane comes close to itself; up to 8 times finer by default.
+        refinement: finer grids where a membrane comes close to itself; the default depends on the number of nodes.
         keep_symmetry: whether a single vesicle that starts symmetric is kept symmetric (`cells.may_keep_symmetry`).
         integrands: integrands of running integrals, a function (Motion, Scene, t) -> dict.
     """
@@ -284,7 +285,7 @@ def equation_for(
         EqualViscosities() if scene.viscosity_ratio is None else ViscosityContrast(scene.viscosity_ratio),
         cells.coupling_of(scene, coupling),
         Symmetry.of(scene) if M == 1 and keep_symmetry and cells.may_keep_symmetry(scene) else None,
-        Refinement() if refinement is None else refinement,
+        Refinement.for_nodes(N) if refinement is None else refinement,
         cells.domain_of(scene),
         integrands,
     )

@@ -71,6 +71,17 @@ def step_status(
     return jnp.where(finite, code, status.NOT_FINITE)
 
 
+def fastest_growth(equation: Equation, frozen: Frozen) -> Scalar:
+    """Returns the growth rate of the fastest growing wrinkle at a frozen state; 0 without compression."""
+    motion = frozen.motion
+
+    def of_one(curve, sigma, bending):
+        return membrane.wrinkle_growth(curve, membrane.physical_tension(curve, sigma, bending), bending)
+
+    found = jax.vmap(of_one)(motion.surfaces.curves, motion.sigma, equation.scene.bending)
+    return lax.stop_gradient(jnp.max(found))
+
+
 def _is_rough(
     equation: Equation, motion: Motion, y: Unknowns, rough: float, nodes_per_wave: float | None
 ) -> Bool[Array, ""]:

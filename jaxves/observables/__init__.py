@@ -14,6 +14,7 @@ classes         the class (P, O or POP) of a time series; no JAX
 pair_classes    the same for pairs of vesicles; no JAX
 shear_motion    treading, tumbling and swinging in shear: class, period, averages over half-turns; no JAX
 rotor           the field beyond which a round vesicle turns by itself; no JAX
+wrinkles        whether a smooth start missed wrinkles; no JAX
 certificate     error estimates of a run, and whether it is inaccurate; no JAX
 fields          velocity, pressure and electric field at any points
 """

@@ -12,7 +12,6 @@ from ..equation.state import Unknowns, verdict
 from ..geometry.curve import Curve
 from ..geometry.domain import AbstractDomain
 from ..numerics.arrays import Scalar, Status
-from ..potentials import self_refined
 from .crossings import collides, crosses_itself
 from .outline import rates_on_outline
 from .rows import Row
@@ -45,7 +44,7 @@ class Checks(eqx.Module):
         unresolved = jnp.max(row.diagnostics["spectral_tail"]) > self.tail
         # The neck or fold is too narrow for the self-interaction kernels.
         spacing = 2 * np.pi * equation.speed / y.x.shape[1]
-        pinched = jnp.any(row.diagnostics["self_gap"] < self_refined.RESOLVED * spacing)
+        pinched = jnp.any(row.diagnostics["self_gap"] < equation.refinement.resolved * spacing)
         code = jnp.where(unresolved | pinched, status.UNRESOLVED, code)
         area = jnp.max(jnp.abs(row.diagnostics["area"] / equation.area - 1))
         length = jnp.max(jnp.abs(row.diagnostics["length"] / (2 * np.pi * equation.speed) - 1))

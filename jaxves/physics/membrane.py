@@ -55,3 +55,11 @@ def fastest_wrinkle(curve: Curve, sigma: Nodes, bending: Scalar) -> Scalar:
     """
     compression = jnp.maximum(-jnp.min(sigma), 0.0)
     return jnp.mean(curve.speed) * jnp.sqrt(compression / (3 * bending))
+
+
+def wrinkle_growth(curve: Curve, sigma: Nodes, bending: Scalar) -> Scalar:
+    """Returns the growth rate of the fastest growing wrinkle, per t_κ at equal viscosities; 0 without compression.
+
+    At q² = -σ/3κ_B the rate of `fastest_wrinkle` is κ_B q³/2.
+    """
+    return 0.5 * bending * (fastest_wrinkle(curve, sigma, bending) / jnp.mean(curve.speed)) ** 3

@@ -9,8 +9,8 @@ The kernels are therefore computed between all fine nodes by the same rule, and 
 
 Rᵀ/p keeps the N resolved modes of a potential, so symmetric kernels stay symmetric. Sampling the potential at the nodes
 would destroy the symmetry, which the Cholesky factorisation for the tension needs. p = 2, 4 or 8 is chosen at run time
-such that p d ≥ 4, which gives an error of 1e-11. If d ≥ 4 for all membranes, nothing is refined and nothing is added to
-the cost.
+such that p d ≥ 4, which gives an error of 1e-11, and the fine grid has at most 2048 nodes. If d ≥ 4 for all membranes,
+nothing is refined and nothing is added to the cost.
 """
 
 import equinox as eqx
@@ -28,6 +28,8 @@ from .self_stokes import StokesBlocks
 
 FAR = 4.0  # required distance in spacings of the fine grid
 RESOLVED = 0.25  # node spacings; at shorter distances the error of the finest grid exceeds e^{-4π} = 3e-6
+FINEST = 2048  # nodes of the finest grid, unless the membrane itself has more; matrices of finer ones take gigabytes
+_FACTORS = (1, 2, 4, 8)
 
 
 class SelfKernels(eqx.Module):
@@ -65,9 +67,19 @@ class SelfKernels(eqx.Module):
 
 
 class Refinement(eqx.Module):
-    """The refinement factors of the grids to choose from. The first is 1, for the given nodes."""
+    """The refinement factors of the grids to choose from. The first is 1, for the given nodes.
 
-    factors: tuple[int, ...] = eqx.field(static=True, default=(1, 2, 4, 8))
+    At distances below `resolved` node spacings the finest grid is not accurate.
+    """
+
+    factors: tuple[int, ...] = eqx.field(static=True, default=_FACTORS)
+    resolved: float = eqx.field(static=True, default=RESOLVED)
+
+    @classmethod
+    def for_nodes(cls, N: int) -> "Refinement":
+        """Returns the default for N nodes: grids up to 8 times finer, with at most `FINEST` nodes."""
+        factors = tuple(factor for factor in _FACTORS if factor == 1 or factor * N <= FINEST)
+        return cls(factors, RESOLVED * _FACTORS[-1] / factors[-1])
 
     def level(self, curve: Curve) -> Int[Array, ""]:
         """Returns the index into `factors` that the least distance between parts of the curve requires."""
@@ -98,9 +110,9 @@ def self_kernels(
     """Returns curves and kernels of all membranes. All use the refinement that the narrowest distance requires.
 
     `electric` adds the kernel of S', `contrast` that of the Stokes double layer.
-    `refinement` has the grids to choose from; the default is 1, 2, 4 and 8 times as many nodes.
+    `refinement` has the grids to choose from; the default is `Refinement.for_nodes`.
     """
-    refinement = Refinement() if refinement is None else refinement
+    refinement = Refinement.for_nodes(x.shape[1]) if refinement is None else refinement
     which = dict(electric=electric, contrast=contrast)
     curves = jax.vmap(Curve.from_nodes)(x)
 

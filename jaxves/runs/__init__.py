@@ -1,6 +1,7 @@
 """Runs: from a scene file to a result file.
 
 build           builds a scene from the tables of a scene file
+strength        how strong field and flow are, and which steps strong ones need
 case            a scene file as a function of its numbers: scene, equation, time stepping, result
 rest            relaxes vesicles before a run
 problem         everything that time stepping needs, for one number of nodes

@@ -31,6 +31,7 @@ from ..stepping.march import AbstractMarch
 from ..stepping.marching import Result
 from . import rest
 from .build import scene_of
+from .strength import strong_steps
 
 _STEPPERS = {"ark4": schemes.ARK4, "ark5": schemes.ARK5, "euler": schemes.SemiImplicitEuler}
 
@@ -65,7 +66,7 @@ class Case(eqx.Module):
             chosen = _STEPPERS[numerics.method]()
         waves = NODES_PER_WAVE if numerics.nodes == "auto" else None
         if numerics.time_step is None:
-            return Adaptive(numerics.tolerance, chosen, nodes_per_wave=waves)
+            return Adaptive(numerics.tolerance, chosen, nodes_per_wave=waves, **strong_steps(file))
         spacing = (file.t_end if t_end is None else t_end) / (file.saves if saves is None else saves)
         return Fixed(math.ceil(spacing / numerics.time_step * (1 - 1e-12)), chosen, nodes_per_wave=waves)
 

@@ -40,6 +40,11 @@ class Adaptive(AbstractMarch, Bounded):
     exceed 3 % of their content are therefore multiplied by `edge_weight`. This adds almost no steps, because the limit
     of stability is the same and is only noticed earlier.
 
+    With `per_growth`, steps are at most this fraction of the time in which the fastest growing wrinkle of a compressed
+    membrane grows by a factor of e. Implicit stages would damp wrinkles that grow faster, and the error estimate does
+    not see wrinkles below the tolerance. `first` is the first step to try, 1e-4 by default. Scene files set both if
+    field or flow are strong.
+
     For a derivative, forward or reverse, up to `recorded` accepted steps are recorded and replayed. A run with more
     steps ends as "too many steps". With `recorded=None` nothing is recorded, and the loop itself is differentiated.
     This is a third cheaper for one direction, and does not allow reverse mode.
@@ -60,6 +65,8 @@ class Adaptive(AbstractMarch, Bounded):
     edge_weight: float = eqx.field(static=True, default=30.0)
     rough: float = eqx.field(static=True, default=norms.ROUGH)
     nodes_per_wave: float | None = eqx.field(static=True, default=None)
+    per_growth: float | None = eqx.field(static=True, default=None)
+    first: Scalar | None = eqx.field(converter=lambda h: None if h is None else as_float(h), default=None)
 
     def __check_init__(self):
         check_stepper(self)
@@ -81,7 +88,7 @@ class Adaptive(AbstractMarch, Bounded):
         return dataclasses.replace(self, recorded=None)
 
     def first_step(self):
-        return jnp.asarray(1e-4)
+        return jnp.asarray(1e-4) if self.first is None else self.first
 
     def begin(self, state, equation):
         shapes = eqx.filter_eval_shape(equation.freeze, state.t, state.y)
@@ -128,6 +135,9 @@ class Adaptive(AbstractMarch, Bounded):
         """
         for period in equation.scene.periods():  # the error estimate must see field and flow change
             longest = lax.stop_gradient(period) / 8
+            state = eqx.tree_at(lambda s: s.h, state, jnp.minimum(state.h, longest))
+        if self.per_growth is not None:
+            longest = self.per_growth / norms.fastest_growth(equation, frozen)  # infinite without compression
             state = eqx.tree_at(lambda s: s.h, state, jnp.minimum(state.h, longest))
         t, y = state.t, state.y
         attempt = Attempt.of(state, stops)

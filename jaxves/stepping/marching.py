@@ -95,7 +95,8 @@ def simulate(
         filter: the modes that are removed; the default depends on the number of nodes.
         solver: solver for the charge of one membrane; the default depends on the number of nodes.
         coupling: interactions of several membranes; the default depends on their size.
-        refinement: finer grids where a membrane comes close to itself; up to 8 times finer by default.
+        refinement: finer grids where a membrane comes close to itself; by default up to 8 times finer, with at most
+            2048 nodes.
         keep_symmetry: whether a single vesicle that starts symmetric is kept symmetric.
 
     Raises:
