@@ -405,7 +405,9 @@ BUILTIN = {
     "oscillation": (2, 64),
     "pop": (1, 64),
     "prolate": (1, 64),
+    "pulse": (1, 256),
     "relax": (1, 64),
+    "reversal": (1, 128),
     "shear": (1, 64),
     "sheared_field": (1, 64),
 }

@@ -48,14 +48,18 @@ def test_steps_follow_the_growth_of_the_fastest_wrinkle():
 
 
 def test_only_strong_fields_and_flows_change_the_steps():
-    for weak in ("[field]\nbeta = 3.2\n", "[flow]\nkind = 'shear'\ncapillary_number = 100.0\n", ""):
+    for weak in (
+        "[field]\nbeta = 3.2\nconductivity_ratio = 0.1\n",
+        "[flow]\nkind = 'shear'\ncapillary_number = 50.0\n",
+        "",
+    ):
         march = Case.of(scene_file(weak), RUN).march()
         assert march.per_growth is None and march.first is None
     strong = {
-        "[field]\nbeta = 0.1\nchi = 1e-5\n": 1e-7,  # charged within χ
-        "[field]\nbeta = 10.0\nchi = 1e-3\n": 1e-6,  # deformed within 1/B
-        "[flow]\nkind = 'extension'\ncapillary_number = -1e3\n": 1e-5,
-        "[flow]\nkind = 'linear'\ngradient = [[0.0, 0.0], [4e3, 0.0]]\n": 2.5e-6,
+        "[field]\nbeta = 0.1\nconductivity_ratio = 0.1\nchi = 1e-5\n": 1e-7,  # charged within χ
+        "[field]\nbeta = 10.0\nconductivity_ratio = 0.1\nchi = 1e-3\n": 1e-6,  # deformed within 1/B
+        "[flow]\nkind = 'extension'\ncapillary_number = -1e3\n": 2.5e-6,
+        "[flow]\nkind = 'linear'\ngradient = [[0.0, 0.0], [4e3, 0.0]]\n": 6.25e-7,
     }
     for text, first in strong.items():
         march = Case.of(scene_file(text), RUN).march()

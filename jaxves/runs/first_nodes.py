@@ -23,7 +23,7 @@ from ..physics.scene import Scene
 from ..stepping.state import State
 from .adapt_nodes import Resolution, rebuilt, resolution_of
 from .case import Case
-from .problem import problem_of, strengthened
+from .problem import Problem, problem_of, strengthened
 from .programs import compiled
 
 _ROOM = 2.0  # the largest number of nodes, relative to what the compression at the start asks for
@@ -34,8 +34,7 @@ _AFTER = 1e-9  # relative distance of an instant just after another
 
 def first_row(case: Case, scene: Scene) -> tuple[Scene, Resolution, State, Row]:
     """Returns the scene with the nodes for its start, the nodes that a run may use, its state and row at t = 0."""
-    file, M = case.scene_file, scene.x.shape[0]
-    most = max(_MOST // M, USUAL_NODES)
+    file, most = case.scene_file, max(_MOST // scene.x.shape[0], USUAL_NODES)
     while True:
         problem = strengthened(problem_of(case, scene))
         N = scene.x.shape[1]
@@ -43,16 +42,12 @@ def first_row(case: Case, scene: Scene) -> tuple[Scene, Resolution, State, Row]:
         state, row = resolution.row(problem.state, 0.0)
         if len(resolution.sizes) == 1:
             return scene, resolution, state, row
+        soon, ever = _asked(problem, file.t_end / file.saves)
         wanted = resolution.wanted(row) if len(row.t) else 0.0
-        sizes = [K for K in resolution.sizes if K > N]
-        if wanted <= N or not sizes:
-            break
-        scene = _with_nodes(case, scene, next((K for K in sizes if wanted <= K), sizes[-1]))
-    times = _instants(problem.equation.scene, np.asarray(problem.stops))
-    if len(times):
-        waves = compiled(_waves)(problem.equation, problem.state.y, times)
-        wanted = max(wanted, nodes_for_waves(float(waves)))
-    return scene, resolution.up_to(min(_ROOM * wanted, most)), state, row
+        sizes = [K for K in resolution.sizes if N < K]
+        if max(soon, wanted) <= N or not sizes:
+            return scene, resolution.up_to(min(_ROOM * max(ever, wanted), most)), state, row
+        scene = _with_nodes(case, scene, next((K for K in sizes if max(soon, wanted) <= K), sizes[-1]))
 
 
 def _with_nodes(case: Case, scene: Scene, N: int) -> Scene:
@@ -64,17 +59,21 @@ def _with_nodes(case: Case, scene: Scene, N: int) -> Scene:
     return eqx.tree_at(lambda s: (s.x, s.V_m), scene, finer, is_leaf=lambda leaf: leaf is None)
 
 
-def _instants(scene: Scene, stops: Float[np.ndarray, "S"]) -> Float[np.ndarray, "T"]:
-    """Returns the times at which field or flow change, and those just after; none if both are constant in time."""
+def _asked(problem: Problem, first: float) -> tuple[float, float]:
+    """Returns the nodes that changes of field and flow ask for until the `first` saved time, and in the whole run."""
+    scene = problem.equation.scene
     periods = [np.arange(1, _PHASES) / _PHASES * float(period) for period in scene.periods()]
     breaks = [part.breakpoints() for part in (scene.field and scene.field.history, scene.flow) if part is not None]
     if not periods and not sum(map(len, breaks)):
-        return np.zeros(0)
-    return np.concatenate([stops, stops * (1 + _AFTER), *periods])
+        return 0.0, 0.0
+    stops = np.asarray(problem.stops)
+    times = np.concatenate([stops, stops * (1 + _AFTER), *periods])
+    waves = np.asarray(compiled(_waves)(problem.equation, problem.state.y, times))
+    return nodes_for_waves(float(np.max(waves, where=times < first, initial=0.0))), nodes_for_waves(float(waves.max()))
 
 
-def _waves(equation: Equation, y: Unknowns, times: Float[Array, "T"]) -> Float[Array, ""]:
-    """Returns the largest number of waves of the fastest growing wrinkles at these times."""
+def _waves(equation: Equation, y: Unknowns, times: Float[Array, "T"]) -> Float[Array, "T"]:
+    """Returns the largest number of waves of the fastest growing wrinkles at each of these times."""
 
     def at(t):
         motion = equation.motion(t, y)
@@ -82,4 +81,4 @@ def _waves(equation: Equation, y: Unknowns, times: Float[Array, "T"]) -> Float[A
         tension = jax.vmap(membrane.physical_tension)(curves, motion.sigma, bending)
         return jnp.max(jax.vmap(membrane.fastest_wrinkle)(curves, tension, bending))
 
-    return jnp.max(jax.lax.map(at, times))
+    return jax.lax.map(at, times)

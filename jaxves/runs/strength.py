@@ -8,17 +8,18 @@ from ..inputs.scene_tables import FlowTable, LinearFlow, SceneFile
 
 STRONG = 300.0  # stress in units of κ_B/a³; weaker ones make no wrinkle that grows much faster than the shape moves
 _PER_GROWTH = 2.0  # implicit stages are accurate for waves that grow at less than this over the step
+_FLOW = 4.0  # a flow loads the shape like a field with β/χ = 4 Ca
 _FIRST = 1e-2  # the first step, relative to the time scales of the field and the flow
 
 
 def stress(scene_file: SceneFile) -> float:
-    """Returns the largest stress of field and flow in units of κ_B/a³: β/χ, or the capillary number."""
+    """Returns the largest stress of field and flow in units of κ_B/a³: β/χ, or four times the capillary number."""
     field, flow = scene_file.field, scene_file.flow
     found = [0.0]
     if field is not None:
         found.append(field.beta / field.chi)
     if flow is not None:
-        found.append(_rate(flow))
+        found.append(_FLOW * _rate(flow))
     return max(found)
 
 
