@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from ..base.resolution import USUAL_NODES, nodes_for_waves
 from ..equation.equation import Equation
 from ..equation.state import Unknowns
+from ..inputs.scene_tables import SceneFile
 from ..numerics import fourier
 from ..observables.rows import Row
 from ..physics import membrane
@@ -25,6 +26,7 @@ from .adapt_nodes import Resolution, rebuilt, resolution_of
 from .case import Case
 from .problem import Problem, problem_of, strengthened
 from .programs import compiled
+from .strength import STRONG, stress
 
 _ROOM = 2.0  # the largest number of nodes, relative to what the compression at the start asks for
 _MOST = 4096  # nodes of all vesicles together, if a vesicle has more than `USUAL_NODES`
@@ -39,15 +41,17 @@ def first_row(case: Case, scene: Scene) -> tuple[Scene, Resolution, State, Row]:
         problem = strengthened(problem_of(case, scene))
         N = scene.x.shape[1]
         resolution = resolution_of(file, problem, most)
-        state, row = resolution.row(problem.state, 0.0)
-        if len(resolution.sizes) == 1:
-            return scene, resolution, state, row
-        soon, ever = _asked(problem, file.t_end / file.saves)
-        wanted = resolution.wanted(row) if len(row.t) else 0.0
         sizes = [K for K in resolution.sizes if N < K]
-        if max(soon, wanted) <= N or not sizes:
-            return scene, resolution.up_to(min(_ROOM * max(ever, wanted), most)), state, row
-        scene = _with_nodes(case, scene, next((K for K in sizes if max(soon, wanted) <= K), sizes[-1]))
+        wanted, ever = (0.0, 0.0) if len(resolution.sizes) == 1 else _asked(file, problem)
+        if wanted <= N or not sizes:
+            state, row = resolution.row(problem.state, 0.0)
+            wanted = max(wanted, resolution.wanted(row)) if len(row.t) else wanted
+            if wanted <= N or not sizes:
+                break
+        scene = _with_nodes(case, scene, next((K for K in sizes if wanted <= K), sizes[-1]))
+    if len(resolution.sizes) > 1:
+        resolution = resolution.up_to(min(_ROOM * max(ever, wanted), most))
+    return scene, resolution, state, row
 
 
 def _with_nodes(case: Case, scene: Scene, N: int) -> Scene:
@@ -59,17 +63,21 @@ def _with_nodes(case: Case, scene: Scene, N: int) -> Scene:
     return eqx.tree_at(lambda s: (s.x, s.V_m), scene, finer, is_leaf=lambda leaf: leaf is None)
 
 
-def _asked(problem: Problem, first: float) -> tuple[float, float]:
-    """Returns the nodes that changes of field and flow ask for until the `first` saved time, and in the whole run."""
+def _asked(file: SceneFile, problem: Problem) -> tuple[float, float]:
+    """Returns the nodes that field and flow ask for until the first saved time, and in the whole run.
+
+    Both are zero if field and flow are neither strong nor change in time. Then the first row tells.
+    """
     scene = problem.equation.scene
     periods = [np.arange(1, _PHASES) / _PHASES * float(period) for period in scene.periods()]
     breaks = [part.breakpoints() for part in (scene.field and scene.field.history, scene.flow) if part is not None]
-    if not periods and not sum(map(len, breaks)):
+    if not (stress(file) > STRONG or periods or sum(map(len, breaks))):
         return 0.0, 0.0
     stops = np.asarray(problem.stops)
-    times = np.concatenate([stops, stops * (1 + _AFTER), *periods])
+    times = np.concatenate([np.zeros(1), stops, stops * (1 + _AFTER), *periods])
     waves = np.asarray(compiled(_waves)(problem.equation, problem.state.y, times))
-    return nodes_for_waves(float(np.max(waves, where=times < first, initial=0.0))), nodes_for_waves(float(waves.max()))
+    soon = np.max(waves, where=times < file.t_end / file.saves, initial=0.0)
+    return nodes_for_waves(float(soon)), nodes_for_waves(float(waves.max()))
 
 
 def _waves(equation: Equation, y: Unknowns, times: Float[Array, "T"]) -> Float[Array, "T"]:
