@@ -125,7 +125,7 @@ def test_every_quantity_has_one_function_which_gives_it():
     field = dc_field(3.2, conductivity_ratio=0.1)
     relaxing = dc_field(3.2, conductivity_ratio=0.1, charge_relaxation=0.1)
     square = Cell.of([[9.0, 0.0], [0.0, 9.0]])
-    cases = [(2, field, Shear(1.0), None), (3, relaxing, Shear(1.0), None), (2, field, None, square)]
+    cases = [(2, field, Shear(1.0), None), (3, relaxing, Shear(1.0), None), (2, field, Shear(1.0), square)]
     for vesicles, field, flow, cell in cases:
         centers = [[3.0 * m, 0.0] for m in range(vesicles)]
         curves = [shapes.ellipse(32, 0.9)] * vesicles

@@ -48,6 +48,11 @@ QUANTITIES = {
     "effective_viscosity": Quantity("1", "intrinsic viscosity [μ] of the dilute suspension", _RUN),
     "mean_current": Quantity("sigma_e E_inf", "mean current density in the periodic cell", (*_RUN, "xy")),
     "effective_conductivity": Quantity("sigma_e", "component of the mean current along the field, over it", _RUN),
+    "mean_stress": Quantity(
+        "kappa_B/a^3", "mean stress in the periodic cell, without pressure and viscous stress", (*_RUN, "xy", "ab")
+    ),
+    "normal_stress_difference": Quantity("kappa_B/a^3", "xx less yy component of the mean stress", _RUN),
+    "relative_viscosity": Quantity("1", "shear stress in the periodic cell over that of the fluid alone", _RUN),
     "power_flow": Quantity("kappa_B/(a t_kappa)", "power of the imposed flow", _RUN),
     "power_electric": Quantity("kappa_B/(a t_kappa)", "power of the electric force", _RUN),
     "dissipation": Quantity("kappa_B/(a t_kappa)", "viscous dissipation of the disturbance", _RUN),
