@@ -54,6 +54,21 @@ def test_a_suspension_becomes_vesicles_when_it_is_read():
     assert again == file
 
 
+def test_each_copy_has_undulations_of_its_own():
+    """The seeds follow from that of the table, and a file that is written and read again keeps them."""
+    thermal = {"temperature": 0.01, "seed": 5, "modes": 8}
+
+    def seeds(thermal):
+        wanted = tables(count=4, seed=3)
+        wanted["vesicle"] = [wanted["vesicle"][0] | {"disturbance": thermal}]
+        file = parse(wanted)
+        assert parse(tomllib.loads(to_toml(file))) == file
+        return [vesicle.disturbance.seed for vesicle in file.vesicle]
+
+    assert len({*seeds(thermal), *seeds(thermal | {"seed": 6})}) == 8
+    assert seeds(thermal) == seeds(thermal)
+
+
 def test_a_lattice_of_places_fills_the_cell_evenly():
     places = lattice_places(12, np.diag([8.0, 6.0]))
     assert len(np.unique(np.round(places, 9), axis=0)) == 12

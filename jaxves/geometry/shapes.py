@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jax import lax
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from ..base.arguments import is_known, refusal, require, require_count, require_nodes
 from ..base.bounds import Bounds
@@ -22,6 +22,7 @@ from ..numerics import fourier
 from ..numerics.arrays import NodePoints, Scalar, ScalarLike, as_float
 from . import curve, outlines
 
+Seed = int | Int[Array, ""]
 _FINE = 512  # samples of an ellipse from which its nodes are interpolated: 12 digits down to Δ = 0.2
 
 
@@ -192,7 +193,7 @@ def undulation(k, temperature: ScalarLike, tension: ScalarLike):
 
 
 def undulated(
-    x: NodePoints, *, temperature: ScalarLike, modes: int, tension: ScalarLike = TENSION.default, seed: int = 1
+    x: NodePoints, *, temperature: ScalarLike, modes: int, tension: ScalarLike = TENSION.default, seed: Seed = 1
 ) -> NodePoints:
     """Returns the nodes x moved along their normal by random thermal undulations, with area and perimeter unchanged.
 

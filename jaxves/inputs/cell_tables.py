@@ -10,7 +10,7 @@ from ..base.bounds import NOT_NEGATIVE
 from ..geometry import outlines, placement
 from .checking import Expect, Table, number, one_of, refusal
 from .key_types import Count, Lattice
-from .vesicle_tables import EllipseVesicle, VesicleTable
+from .vesicle_tables import EllipseVesicle, UndulationTable, VesicleTable
 
 
 class CellTable(Table):
@@ -34,7 +34,8 @@ class SuspensionTable(Table):
     The copies replace the tables when a file is read, so that a stored scene has one table for each vesicle. There are
     `count` of them, or as many as make up the `area_fraction`. `arrangement` is "random", with random angles, or
     "lattice". `size_spread` and `reduced_area_spread` are standard deviations, of the length relative to its value and
-    of the reduced area, of uniform distributions.
+    of the reduced area, of uniform distributions. If a vesicle has thermal undulations, each copy has a seed of its
+    own, which follows from that of the table.
     """
 
     count: Count | None = None
@@ -61,6 +62,7 @@ class SuspensionTable(Table):
                 raise refusal(wanted, "suspension.area_fraction", self.area_fraction)
         generator = np.random.default_rng([self.seed, 1])
         chosen = [self._varied(vesicles[m % len(vesicles)], generator, m % len(vesicles)) for m in range(count)]
+        chosen = [_with_own_seed(vesicle, m) for m, vesicle in enumerate(chosen)]
         lattice = np.array(cell.lattice)
         if self.arrangement == "lattice":
             centers = placement.lattice_places(count, lattice)
@@ -88,6 +90,15 @@ class SuspensionTable(Table):
                 raise refusal(wanted, "suspension.reduced_area_spread", self.reduced_area_spread)
             update["reduced_area"] = varied
         return vesicle.model_copy(update=update)
+
+
+def _with_own_seed(vesicle: VesicleTable, m: int) -> VesicleTable:
+    """Returns copy m of a vesicle, with thermal undulations that are independent of those of other copies."""
+    thermal = getattr(vesicle, "disturbance", None)
+    if not isinstance(thermal, UndulationTable):
+        return vesicle
+    (seed,) = np.random.SeedSequence([thermal.seed, m]).generate_state(1)
+    return vesicle.model_copy(update={"disturbance": thermal.model_copy(update={"seed": int(seed)})})
 
 
 def _area(vesicle: VesicleTable) -> float:

@@ -96,14 +96,19 @@ def _nodes(vesicle: VesicleTable, N: int) -> NodePoints:
         case None:
             pass
         case UndulationTable() as thermal:
-            counts = {"modes": thermal.modes, "seed": thermal.seed}
+            numbers = {"temperature": thermal.temperature, "tension": thermal.tension}
             try:
-                x = _made(shapes.undulated, (x,), counts, temperature=thermal.temperature, tension=thermal.tension)
+                x = _made(_undulated, (x, np.int64(thermal.seed)), {"modes": thermal.modes}, **numbers)
             except ValueError as error:
                 raise SceneError(f"vesicle.disturbance.{error}") from None
         case amplitude:
             x = shapes.disturbed(x, amplitude)
     return x + jnp.stack([as_float(component) for component in vesicle.center])
+
+
+def _undulated(x: NodePoints, seed, **how) -> NodePoints:
+    """Returns `shapes.undulated` with a seed that may be traced, so that all copies of a vesicle share one program."""
+    return shapes.undulated(x, seed=jnp.asarray(seed), **how)
 
 
 def _made(shape: Callable, given: tuple, counts: dict[str, int], **numbers: ScalarLike) -> NodePoints:
