@@ -6,6 +6,7 @@ near_pairs      search for close pairs
 direct_sums     interactions as direct sums, without matrices
 fast_sums       interactions as fast sums
 sums            which of them, without matrices of all pairs
+memory          how much memory a step takes, before it is computed
 double_layers   the Stokes double layer between membranes, as direct sums
 surfaces        all membranes of a scene with their layer potentials
 """

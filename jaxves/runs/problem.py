@@ -4,6 +4,7 @@ The large functions here are compiled as one program each. Compiling their many 
 longer than a short run.
 """
 
+import os
 import time
 import tomllib
 
@@ -15,16 +16,19 @@ from jaxtyping import Array, Float
 
 from ..base import status
 from ..base.resolution import nodes_for_modes, sizes_up_to
+from ..equation.cells import coupling_of, domain_of
 from ..equation.equation import Equation, equation_for
 from ..equation.projection import Filter
 from ..equation.state import Unknowns
-from ..inputs.scene_files import parse
+from ..inputs.scene_files import SceneError, parse
 from ..inputs.scene_tables import SceneFile
 from ..inputs.vesicle_tables import undulation_modes
 from ..numerics import fourier
 from ..numerics.arrays import VesiclePoints
 from ..observables import diagnostics
 from ..observables.checks import Checks
+from ..operators.interactions import AbstractCoupling
+from ..operators.memory import bytes_of_step
 from ..physics.scene import Scene
 from ..results import run_store
 from ..stepping.loop import initial_state, stops_of
@@ -114,8 +118,29 @@ def problem_of(case: Case, scene: Scene) -> Problem:
     average = None if file.average is None else jnp.array(file.average)
     march = case.march()
     t_end = jnp.asarray(file.t_end, dtype=float)
-    equation, stops, journey = compiled(_started)(scene, march, t_end, average, case.solved_by(scene))
+    solved_by = case.solved_by(scene)
+    require_memory(scene, solved_by[1], memory_of_machine())
+    equation, stops, journey = compiled(_started)(scene, march, t_end, average, solved_by)
     return Problem(equation, march, case.checks(), stops, journey)
+
+
+def require_memory(scene: Scene, coupling: AbstractCoupling | None, available: float) -> None:
+    """Raises SceneError if a step of the scene needs more memory than `available`, in bytes."""
+    M, N, _ = scene.x.shape
+    needed = bytes_of_step(M, N, coupling_of(scene, coupling), domain_of(scene), electric=scene.field is not None)
+    if needed > available:
+        raise SceneError(
+            f"numerics.nodes = {N} for {M} vesicles needs about {needed / 2**30:.3g} GiB of memory,"
+            f" expected at most {available / 2**30:.3g} GiB, which this machine has: fewer nodes or vesicles"
+        )
+
+
+def memory_of_machine() -> float:
+    """Returns the memory of this machine in bytes, or infinity where it is unknown or not that of a CPU."""
+    known = hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names
+    if not known or jax.default_backend() != "cpu":
+        return float("inf")
+    return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
 def _started(scene: Scene, march: AbstractMarch, t_end, average, solved_by):
