@@ -38,7 +38,7 @@ def moment_of_tractions(surfaces, q, V_m, ratio):
     edges = [corner + lattice[0] + s[:, None] * lattice[1], corner + lattice[1] + s[:, None] * lattice[0]]
     x = jnp.stack([curve.x, jnp.concatenate(edges)])
     weights = jnp.stack([curve.weights, jnp.zeros(N)])
-    plan = Plan(accuracy_for(1e-12), (120, 120), 130, 8, 17, 17 * N // 8, 1)
+    plan = Plan(accuracy_for(1e-12), (120, 120), 130, 8, 49, 6 * N, 2)
     nothing = Excluded(jnp.zeros(1, int), jnp.zeros(1, int), jnp.zeros((1, 2), int), jnp.zeros(1, bool))
     sums = EwaldSums.of(x, weights, plan, Cell(lattice), nothing)
 
@@ -123,10 +123,11 @@ def test_images_and_copies_of_the_cell_leave_the_stress_as_it_is():
 
 def test_the_flow_does_the_work_of_the_mean_stress():
     """Without a field, dE_b/dt = A Σ:Γ - dissipation."""
-    found = diagnosed(scene_of([np.asarray(shapes.ellipse(N, 0.9, angle=0.4))], LATTICE, field=False))
+    # 48 nodes resolve bending forces to four digits
+    found = diagnosed(scene_of([np.asarray(shapes.ellipse(48, 0.9, angle=0.4))], LATTICE, field=False))
     work = np.linalg.det(LATTICE) * RATE * found["mean_stress"][0, 1]
     np.testing.assert_allclose(found["power_flow"], work, rtol=1e-10)
-    np.testing.assert_allclose(found["power_balance"], 0.0, atol=1e-3 * abs(work))
+    np.testing.assert_allclose(found["power_balance"], 0.0, atol=1e-4 * abs(work))
     assert found["dissipation"] > 0
     np.testing.assert_allclose(found["relative_viscosity"], 1 + found["mean_stress"][0, 1] / RATE, rtol=1e-14)
 

@@ -7,6 +7,7 @@ another domain.
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -78,6 +79,10 @@ class Cell(AbstractDomain):
         second = second.at[0].add(self.rate * t * second[1])
         second = second - jnp.round(second[0] / first[0]) * first
         return Cell(jnp.stack([first, second]), None, self.aspect)
+
+    def lattices(self, t: Float[Array | np.ndarray, "T"]) -> Float[Array, "T 2 2"]:
+        """Returns the vectors of the cell at several times, as rows."""
+        return jax.vmap(lambda t: self.at(t).lattice)(jnp.asarray(t))
 
     def displacement(self, to: Float[Array, "*a 2"], start: Float[Array, "*b 2"]) -> Float[Array, "*c 2"]:
         apart = to - start
