@@ -33,5 +33,7 @@ def coupling_of(scene: Scene, coupling: AbstractCoupling | None) -> AbstractCoup
 
 
 def may_keep_symmetry(scene: Scene) -> bool:
-    """Returns whether a symmetric vesicle stays symmetric: in the plane, and in a flow that is linear in position."""
+    """Returns whether a symmetric vesicle stays symmetric: in the plane, a uniform field, and a linear flow."""
+    if scene.field is not None and not scene.field.is_uniform():
+        return False
     return scene.cell is None and (scene.flow is None or scene.flow.is_linear())

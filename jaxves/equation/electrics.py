@@ -154,7 +154,7 @@ class MembraneCharging(AbstractElectrics):
         mean = 1.0 / jnp.sum(curves.speed, axis=1, keepdims=True)
         kernel = surfaces.laplace_slp_dn * field.contrast()[:, None, None] + mean[:, None]
         matrices = 0.5 * np.eye(V_m.shape[1]) + kernel * curves.speed[:, None, :]
-        flux = curves.normal @ field.E_inf(t) + surfaces.dlp_dn(V_m)
+        flux = electric.component(curves.normal, field.at(curves.x, t)) + surfaces.dlp_dn(V_m)
         across = surfaces.interactions
         # The linear part and the preconditioner of GMRES need the factors. Otherwise the solver may be iterative.
         solver = self.solver if across is None and not factored else linear.Dense()
@@ -176,8 +176,9 @@ class MembraneCharging(AbstractElectrics):
 
     def _fields(self, t: Scalar, surfaces: Surfaces, V_m: VesicleNodes, w: VesicleNodes, charge: VesicleNodes):
         slope = surfaces.potential_slope(charge, V_m)
-        return jax.vmap(electric.surface_fields, in_axes=(0, None, 0, 0, 0, 0))(
-            surfaces.curves, self.field.E_inf(t), self.field.conductivity_ratio, w, V_m, slope
+        E = self.field.at(surfaces.curves.x, t)
+        return jax.vmap(electric.surface_fields, in_axes=(0, None if E.ndim == 1 else 0, 0, 0, 0, 0))(
+            surfaces.curves, E, self.field.conductivity_ratio, w, V_m, slope
         )
 
 

@@ -35,6 +35,7 @@ _CHUNK = 256  # points evaluated at once; this limits the memory to about ten MB
 class Surroundings(eqx.Module):
     """Fields at P points; `potential` and `electric_field` are None without an electric field.
 
+    The potential is also None in a field of the user's own, of which only the gradient is known.
     `velocity` is in a/t_κ, `pressure` in κ_B/a³ (zero far away), `potential` in a|E_∞|, `electric_field` in |E_∞|.
     `inside` is the number of the vesicle that encloses the point, -1 in the outer fluid. For a point on a membrane,
     round-off decides the side, and the other fields are those of this side.
@@ -104,8 +105,11 @@ def _around(equation: Equation, t: Scalar, y: Unknowns, points: Points) -> Surro
         velocity = velocity + scene.flow.velocity(points[None], t)[0]
     potential = electric_field = None
     if scene.field is not None:
-        E_inf = scene.field.E_inf(t)
-        potential, electric_field = electric[0] - points @ E_inf, E_inf - electric[1]
+        E_inf = scene.field.at(points, t)
+        potential, electric_field = (
+            electric[0] - points @ E_inf if scene.field.is_uniform() else None,
+            E_inf - electric[1],
+        )
     inside = jnp.where(jnp.any(enclosed, axis=1), jnp.argmax(enclosed, axis=1), -1)
     if ratio is not None:
         rigid = jax.vmap(RigidMotion.at, in_axes=(0, None))(turning, points)

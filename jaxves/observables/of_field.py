@@ -25,10 +25,12 @@ def angle_of(vector: Array) -> Array:
     needed=lambda scene: scene.field is not None,
 )
 def of_field(instant: Instant, found) -> dict[str, Array]:
-    """What the field does to every membrane."""
+    """What the field does to every membrane. Only a uniform field has one direction to be deformed along."""
     curves, electric = instant.motion.surfaces.curves, instant.motion.electric
     V_m = electric.potential(instant.y.scalars)
     out = jax.vmap(_of_membrane)(curves, electric.charge, V_m, electric.traction)
+    if not instant.scene.field.is_uniform():
+        return out
     direction = instant.scene.field.unit_direction()
     out["deformation_along_field"] = jax.vmap(geometry.deformation, in_axes=(0, None))(curves, direction)
     return out

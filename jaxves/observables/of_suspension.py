@@ -34,9 +34,9 @@ def has_stress(scene: Scene) -> bool:
     """Returns whether the particle stress has a meaning.
 
     In a periodic cell with a field it has none: each vesicle carries a net electric force, so that the moment of the
-    forces would depend on the image that is taken.
+    forces would depend on the image that is taken. In a field that is not uniform there is a net force on all of them.
     """
-    return scene.cell is None or scene.field is None
+    return scene.field is None or (scene.cell is None and scene.field.is_uniform())
 
 
 @gives("stress", "effective_viscosity", needed=has_stress)

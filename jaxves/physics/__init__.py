@@ -4,6 +4,7 @@ membrane    bending and tension forces, bending energy
 electric    charging of the membrane, electric field on its two sides, Maxwell stress
 charging    laws of charging, solved for one implicit stage
 flow        imposed flows
+point_functions  functions of one point that users write for flows and fields
 waveform    the time dependence of the field
 rigid       motion of a circle, which cannot deform
 scene       `Scene`: starting nodes and all physical parameters

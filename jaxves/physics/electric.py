@@ -11,7 +11,7 @@ regular as Λ → ∞, where ½ + S' is singular.
 """
 
 import dataclasses
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,8 +22,9 @@ from ..base.arguments import Bounded, is_known, refusal, require
 from ..base.bounds import FINITE, RATIO_OF_RELAXING
 from ..base.physical_numbers import BETA, CHARGE_RELAXATION, CHI, PER_VESICLE
 from ..geometry.curve import Curve, d_ds
-from ..numerics.arrays import NodePoints, Nodes, PerVesicle, Scalar, as_float, optional_float
-from .waveform import AbstractHistory
+from ..numerics.arrays import NodePoints, Nodes, PerVesicle, Scalar, VesiclePoints, as_float, optional_float
+from .point_functions import PointFunction, at_points, require_without
+from .waveform import AC, AbstractHistory
 
 _PER_VESICLE = tuple(number.per_vesicle for number in PER_VESICLE)
 
@@ -36,12 +37,45 @@ def inner_share(conductivity_ratio: Float[Array, "*batch"]) -> Float[Array, "*ba
     return jnp.where(small, below / (1 + below), 1 / (1 + inverse))
 
 
+class FieldFunction(eqx.Module):
+    """An imposed field of the user's own: a function E(x, t) in JAX of one point (2,), in units of the reference |E_∞|.
+
+    `dc_field(E_inf=E)` makes it from a function. Arrays in a function that is an `equinox.Module` can be traced,
+    differentiated and batched. A plain function must be the same object in later calls, or JAX compiles again.
+
+    Raises:
+        ValueError: the function does not return two numbers, or has a divergence or a curl at one of a few points.
+    """
+
+    arrays: Any
+    rest: Any = eqx.field(static=True)
+
+    def __init__(self, function: PointFunction):
+        self.arrays, self.rest = eqx.partition(function, eqx.is_array)
+
+    def __check_init__(self):
+        if is_known(self.arrays):
+            harmonic = "the gradient of a harmonic potential, which has neither divergence nor curl"
+            require_without("E_inf", self.function, "field", "E", divergence=harmonic, curl=harmonic)
+
+    @property
+    def function(self) -> PointFunction:
+        """The function E(x, t) of one point."""
+        return eqx.combine(self.arrays, self.rest)
+
+
+def component(vectors: VesiclePoints | NodePoints, E: Float[Array, "*batch 2"]) -> Float[Array, "*batch_out"]:
+    """Returns the component of a field along `vectors` (..., 2). The field is uniform, (2,), or one at each of them."""
+    return vectors @ E if E.ndim == 1 else jnp.sum(vectors * E, axis=-1)
+
+
 class Field(Bounded):
     """The imposed electric field and the electric parameters of fluids and membranes; (M,) arrays are per vesicle.
 
     β = ε|E_∞|² a C_m / μσ_e and χ = C_m κ_B/(σ_e μ a²) use the reference capacitance. Their ratio scales the Maxwell
     stress. `membrane_chi` is χ with the capacitance of each vesicle. `charge_relaxation` is δ = ε_e/(a C_m) with the
-    reference capacitance; with None, charge in the fluids is in equilibrium at every instant.
+    reference capacitance; with None, charge in the fluids is in equilibrium at every instant. `function` is a field
+    that depends on position, in place of `direction`.
 
     Raises:
         ValueError: a known number is out of its bounds, or shapes do not fit.
@@ -64,6 +98,7 @@ class Field(Bounded):
     direction: Float[Array, "2"] = eqx.field(converter=as_float)
     history: AbstractHistory | None = None
     charge_relaxation: Scalar | None = eqx.field(converter=optional_float, default=None)  # δ
+    function: FieldFunction | None = None
 
     def __check_init__(self):
         for name in ("beta", "chi"):
@@ -76,10 +111,20 @@ class Field(Bounded):
             raise refusal("Field.history", self.history, "a factor of time, such as Pulse(0.0, 1.0, 1e-3), or None")
         if self.direction.shape != (2,) or (is_known(self.direction) and not np.any(np.asarray(self.direction))):
             raise refusal("Field.direction", self.direction, "two finite numbers, not both zero")
+        if self.function is not None:
+            self._check_function()
         if self.charge_relaxation is not None:
             if self.charge_relaxation.shape != ():
                 raise refusal("Field.charge_relaxation", self.charge_relaxation, "one number")
             require("Field.conductivity_ratio", self.conductivity_ratio, RATIO_OF_RELAXING)
+
+    def _check_function(self) -> None:
+        if not isinstance(self.function, FieldFunction):
+            raise refusal("Field.function", self.function, "a FieldFunction, or None")
+        if self.charge_relaxation is not None:
+            raise refusal("charge_relaxation", self.charge_relaxation, "None with a field E_inf of your own")
+        if isinstance(self.history, AC) and self.history.averaged:
+            raise refusal("history.averaged", True, "an AC field that is not averaged, with a field E_inf of your own")
 
     def is_within_bounds(self) -> Bool[Array, ""]:
         valid = super().is_within_bounds() & jnp.any(self.direction != 0)
@@ -96,8 +141,19 @@ class Field(Bounded):
         """Returns the normalised `direction`."""
         return self.direction / jnp.sqrt(jnp.sum(self.direction**2))
 
+    def is_uniform(self) -> bool:
+        """Returns whether the field is the same at every point, along `direction`."""
+        return self.function is None
+
+    def at(self, x: Float[Array, "*batch 2"], t: Scalar) -> Float[Array, "*out 2"]:
+        """Returns the imposed field at time t: one vector (2,) if it is uniform, otherwise one at each point of x."""
+        if self.function is None:
+            return self.E_inf(t)
+        E = at_points(self.function.function, x, t)
+        return E if self.history is None else self.history(t) * E
+
     def E_inf(self, t: Scalar) -> Float[Array, "2"]:
-        """Returns the imposed field at time t, in units of the reference |E_∞|."""
+        """Returns the imposed field at time t if it is uniform, in units of the reference |E_∞|."""
         direction = self.unit_direction()
         return direction if self.history is None else self.history(t) * direction
 
@@ -135,7 +191,7 @@ class SurfaceFields(eqx.Module):
 
 def surface_fields(
     curve: Curve,
-    E_inf: Float[Array, "2"],
+    E_inf: Float[Array, "2"] | NodePoints,
     conductivity_ratio: Scalar,
     w: Nodes,
     V_m: Nodes,
@@ -143,11 +199,12 @@ def surface_fields(
 ) -> SurfaceFields:
     """Returns the electric field on both sides of one membrane.
 
-    `potential_slope` is ∂_s of S q - D V_m on the membrane, with the mean of the two sides for D. The normal components
-    follow from the continuity of the current: E_n = w/(1+Λ) inside and Λ w/(1+Λ) outside, so E_n,i - E_n,e = -q.
+    `E_inf` is the imposed field, uniform (2,) or at the nodes (N, 2). `potential_slope` is ∂_s of S q - D V_m on the
+    membrane, with the mean of the two sides for D. The normal components follow from the continuity of the current:
+    E_n = w/(1+Λ) inside and Λ w/(1+Λ) outside, so E_n,i - E_n,e = -q.
     """
     share = inner_share(conductivity_ratio)
-    tangential = curve.tangent @ E_inf - potential_slope
+    tangential = component(curve.tangent, E_inf) - potential_slope
     half_jump = 0.5 * d_ds(V_m, curve)
     return SurfaceFields((1 - share) * w, share * w, tangential - half_jump, tangential + half_jump)
 

@@ -26,7 +26,7 @@ from ..geometry import shapes as curves
 from ..geometry import starts
 from ..geometry.domain import Cell
 from ..numerics.arrays import PerVesicle, Scalar, VesiclePoints, as_float, require_x64
-from .electric import Field
+from .electric import Field, FieldFunction
 from .flow import AbstractFlow, FlowFunction, Shear
 from .waveform import AC
 
@@ -99,6 +99,8 @@ class Scene(Bounded):
             raise refusal("Scene.flow", self.flow, "Shear or None: in a periodic cell no other flow is supported")
         if self.viscosity_ratio is not None:
             raise refusal("Scene.viscosity_ratio", self.viscosity_ratio, "None in a periodic cell")
+        if self.field is not None and not self.field.is_uniform():
+            raise refusal("Scene.field.function", "a field of your own", "a uniform field in a periodic cell")
         if self.field is not None and self.field.charge_relaxation is not None:
             raise refusal("Scene.field.charge_relaxation", self.field.charge_relaxation, "None in a periodic cell")
         if self.field is not None and isinstance(self.field.history, AC) and self.field.history.averaged:
@@ -213,6 +215,16 @@ def _put_right(x: Float[np.ndarray, "M N 2"]) -> Float[Array | np.ndarray, "M N 
     return jnp.stack([as_float(nodes) for nodes in even])
 
 
+def _field_function(E_inf, direction) -> FieldFunction | None:
+    if E_inf is None:
+        return None
+    if direction is not None:
+        raise refusal("direction", direction, "no direction beside E_inf, which has its own")
+    if not callable(E_inf):
+        raise refusal("E_inf", E_inf, "a function E(x, t) in JAX of one point (2,), or None")
+    return FieldFunction(E_inf)
+
+
 def dc_field(
     beta,
     *,
@@ -221,9 +233,10 @@ def dc_field(
     chi=CHI.default,
     permittivity_ratio=PERMITTIVITY_RATIO.default,
     charge_relaxation=None,
-    direction=(0.0, 1.0),
+    direction=None,
     vesicles: int = 1,
     history=None,
+    E_inf: Callable[[Array, Array], Array] | None = None,
 ) -> Field:
     """Builds a field along `direction`. Each membrane parameter is one number, or one for each vesicle.
 
@@ -237,20 +250,21 @@ def dc_field(
         permittivity_ratio: ε_i/ε_e, positive. Without `charge_relaxation` it enters the Maxwell stress only.
         charge_relaxation: δ = ε_e/(a C_m), positive; with None, charge in the fluids is in equilibrium at every
             instant.
-        direction: direction of the field, not zero; it is normalised.
+        direction: direction of the field, not zero; it is normalised. By default along y.
         vesicles: number of vesicles; `make_scene` repeats the numbers of a field for one vesicle.
         history: a time-dependent factor on the field, such as `Pulse`.
+        E_inf: a field that depends on position, instead of `direction`: a function E(x, t) in JAX of one point (2,), in
+            units of the reference field to which β refers. It must have neither divergence nor curl.
 
     Raises:
-        ValueError: a known number is out of its bounds, or the number of values differs from that of vesicles.
+        ValueError: a known number is out of its bounds, or the number of values differs from that of vesicles; or
+            `E_inf` cannot be used.
     """
     require_count("vesicles", vesicles)
-    numbers = dict(
-        conductivity_ratio=conductivity_ratio,
-        membrane_conductance=membrane_conductance,
-        chi=chi,
-        permittivity_ratio=permittivity_ratio,
-    )
+    function = _field_function(E_inf, direction)
+    direction = (0.0, 1.0) if direction is None else direction
+    numbers = {"conductivity_ratio": conductivity_ratio, "membrane_conductance": membrane_conductance}
+    numbers |= {"chi": chi, "permittivity_ratio": permittivity_ratio}
     for name, value in numbers.items():
         if np.shape(value) not in ((), (1,), (vesicles,)):
             wanted = f"one number, or one for each of {vesicles} vesicles (`vesicles=` says how many)"
@@ -269,4 +283,5 @@ def dc_field(
         direction=direction,
         history=history,
         charge_relaxation=charge_relaxation,
+        function=function,
     )

@@ -35,7 +35,8 @@ def forcing_of(record: Any) -> Forcing:
 
 
 def _of_scene(scene: Scene, t: np.ndarray) -> Forcing:
-    direction = None if scene.field is None else np.asarray(scene.field.unit_direction())
+    uniform = scene.field is not None and scene.field.is_uniform()
+    direction = None if not uniform else np.asarray(scene.field.unit_direction())
     if scene.flow is None:
         return Forcing(direction, None)
     # A flow that starts from rest or alternates is drawn when it is strongest.
