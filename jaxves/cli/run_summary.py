@@ -51,7 +51,8 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
         yield f"{path}: running, written by {who}, at t = {record.t[-1]:.6g} so far with {rows}"
     else:
         wall = record.attributes["wall_time"]
-        yield f"{path}: {word} at t = {record.t[-1]:.6g} after {wall:.1f} s. {advice}".rstrip()
+        seconds = "" if np.isnan(wall) else f" after {wall:.1f} s"  # unknown for a result that Python saved
+        yield f"{path}: {word} at t = {record.t[-1]:.6g}{seconds}. {advice}".rstrip()
     M = record.x.shape[1]
     nodes = " or ".join(str(N) for N in np.unique(record.nodes))
     yield f"{M} vesicle{'s' * (M > 1)} of {nodes} nodes, {len(record.t)} saved times"

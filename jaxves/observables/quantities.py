@@ -60,3 +60,11 @@ QUANTITIES = {
     "time_error": Quantity("a", "sum of the estimated errors of all steps so far", _RUN),
     "residual": Quantity("1", "worst true relative residual of the linear solves", _RUN),
 }
+
+
+def described(name: str, axes: int) -> Quantity:
+    """Returns the quantity of this name, or that of an observable of the user's own with this number of axes.
+
+    The unit of such an observable is not known. Its axes are the time, and the vesicles if it has two.
+    """
+    return QUANTITIES.get(name) or Quantity("", f"{name}, an observable of the user's own", _EACH[:axes])

@@ -9,6 +9,7 @@ sweep_store     reads the file of a sweep
 sweep_writer    writes the file of a sweep
 loading         reads a result file of either kind
 views           what results of runs have in common: a card, figures, tables
+saving          writes a result of Python like the file of a run
 labelled        results as datasets of xarray
 exports         tables in CSV, and files for ParaView
 """

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..observables.quantities import QUANTITIES
+from ..observables.quantities import described
 from .hdf5 import StoreError, named_errors
 
 _ENTRY = '    <DataSet timestep="{:.12g}" file="{}"/>\n'
@@ -34,9 +34,9 @@ def run_to_csv(record: Any, path: Path) -> None:
     """Writes the diagnostics of a run. The heading of a column is its name and, in brackets, its unit."""
     columns = [("t (t_kappa)", np.asarray(record.t)[: record.saved])]
     for name, values in record.diagnostics.items():
-        units = QUANTITIES[name].units
+        units = described(name, np.ndim(values)).units
         found = _columns(name, np.asarray(values)[: record.saved])
-        columns += [(label if units == "1" else f"{label} ({units})", column) for label, column in found]
+        columns += [(label if units in ("", "1") else f"{label} ({units})", column) for label, column in found]
     _write_table(path, columns)
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..observables.quantities import QUANTITIES
+from ..observables.quantities import QUANTITIES, described
 
 _ARRAYS = {
     "x": ("a", "position of the nodes", ("t", "vesicle", "node", "xy")),
@@ -32,7 +32,7 @@ def dataset_of_run(record: Any) -> Any:
         "xy": ["x", "y"],
     }
     found = {name: (label, getattr(record, name)) for name, label in _ARRAYS.items()}
-    found |= {name: (QUANTITIES[name], value) for name, value in record.diagnostics.items()}
+    found |= {name: (described(name, np.ndim(value)), value) for name, value in record.diagnostics.items()}
     variables = {
         name: (dims, np.asarray(value)[:T], {"units": units, "long_name": long_name})
         for name, ((units, long_name, dims), value) in found.items()

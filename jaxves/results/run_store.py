@@ -62,13 +62,13 @@ def row_of(datasets: Mapping[str, np.ndarray]) -> Row:
     return Row(diagnostics=below(_DIAGNOSTICS), scalars=below(_SCALARS), **history)
 
 
-def description(path: str) -> Description:
-    """Returns what the dataset at this path holds."""
+def description(path: str, axes: int = 2) -> Description:
+    """Returns what the dataset at this path holds. `axes` is the number of axes, which tells it of unknown names."""
     if path in HISTORY:
         return HISTORY[path]
     if path.startswith(_SCALARS):
         return SCALARS[path.removeprefix(_SCALARS)]
-    return Description(*quantities.QUANTITIES[path.removeprefix(_DIAGNOSTICS)])
+    return Description(*quantities.described(path.removeprefix(_DIAGNOSTICS), axes))
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,8 +76,8 @@ class Record(Viewed):
     """The contents of the result file of a run. The first axis of arrays is the saved times, except in `averages`.
 
     `t` (T,), `x` (T, M, N, 2), `V_m` (T, M, N) or None without a field, `tension` (T, M, N), `nodes` (T, M),
-    `steps` (T,). `scalars` are the scalars of the state besides V_m by name, (T, M, N) each. `scene` is the scene as
-    TOML.
+    `steps` (T,), or None for a result that Python saved. `scalars` are the scalars of the state besides V_m by name,
+    (T, M, N) each. `scene` is the scene as TOML.
     """
 
     t: np.ndarray
@@ -85,7 +85,7 @@ class Record(Viewed):
     V_m: np.ndarray | None
     tension: np.ndarray
     nodes: np.ndarray
-    steps: np.ndarray
+    steps: np.ndarray | None
     scalars: dict[str, np.ndarray]
     diagnostics: dict[str, np.ndarray]
     averages: dict[str, np.ndarray] | None

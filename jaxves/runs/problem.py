@@ -31,6 +31,7 @@ from ..operators.interactions import AbstractCoupling
 from ..operators.memory import bytes_of_step
 from ..physics.scene import Scene
 from ..results import run_store
+from ..results.hdf5 import StoreError
 from ..stepping.loop import initial_state, stops_of
 from ..stepping.march import AbstractMarch
 from ..stepping.state import Journey, State
@@ -188,7 +189,13 @@ def state_at(record, row: int) -> Unknowns:
 
 
 def reconstructed(record: run_store.Record, t: float) -> tuple[Equation, float, Unknowns]:
-    """Returns the equation of a result, the saved time nearest to t, and the state at this time."""
+    """Returns the equation of a result, the saved time nearest to t, and the state at this time.
+
+    Raises:
+        StoreError: the file was written by `Result.save`, and has no scene file.
+    """
+    if record.attributes.get("made_in") == "Python":
+        raise StoreError("a file that `Result.save` wrote has no scene: use the result itself for what needs one.")
     scene_file = parse(tomllib.loads(record.scene))
     scene = build(scene_file)
     scene = eqx.tree_at(lambda s: s.x, scene, jnp.asarray(record.x[0]))

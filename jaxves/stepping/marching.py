@@ -5,6 +5,7 @@ with the state between the calls in a `State`.
 """
 
 import dataclasses
+import os
 
 import equinox as eqx
 import jax
@@ -21,9 +22,12 @@ from ..numerics.arrays import Status, as_float
 from ..numerics.linear import AbstractSolver
 from ..observables import certificate, diagnostics
 from ..observables.checks import Checks
+from ..observables.of_ones_own import Observables, observed, require_observables
+from ..observables.rows import Row
 from ..operators.interactions import AbstractCoupling
 from ..physics.scene import Scene
 from ..potentials.self_refined import Refinement
+from ..results import saving
 from ..results.views import Viewed
 from .adaptive import Adaptive
 from .loop import initial_state, stops_of
@@ -55,6 +59,27 @@ class Result(Viewed, eqx.Module):
         """The status word (outside compiled code)."""
         return status.WORDS[int(self.status)]
 
+    def rows(self) -> Row:
+        """Returns everything that was saved, with the saved times as the first axis."""
+        return Row(self.t, self.x, self.tension, self.diagnostics, self.V_m, scalars=self.scalars)
+
+    def save(self, path: str | os.PathLike, *, force: bool = False) -> None:
+        """Writes the result to a file like that of a run, which `jaxves.load` reads.
+
+        A run can start from it (`jaxves.run(start=...)`), but cannot resume it. The scene is not in the file.
+
+        Args:
+            path: the file.
+            force: replace the file if it exists.
+
+        Raises:
+            StoreError: the file exists (without `force`), or cannot be written.
+        """
+        field = None if self.scene is None else self.scene.field
+        told = {} if field is None or not field.is_uniform() else {"direction": np.asarray(field.direction).tolist()}
+        tables = {} if field is None else {"field": told | {"beta": float(field.beta)}}
+        saving.save(self, path, scene=tables, averages=self.averages, force=force)
+
     def __repr__(self) -> str:
         single = is_known(self) and np.ndim(self.t) == 1
         return Viewed.__repr__(self) if single else eqx.Module.__repr__(self)
@@ -74,6 +99,7 @@ def simulate(
     coupling: AbstractCoupling | None = None,
     refinement: Refinement | None = None,
     keep_symmetry: bool = True,
+    observables: Observables | None = None,
 ) -> Result:
     """Runs a scene to `t_end` with equally spaced saved times, or to the last of the saved `times`.
 
@@ -98,6 +124,8 @@ def simulate(
         refinement: finer grids where a membrane comes close to itself; by default up to 8 times finer, with at most
             2048 nodes.
         keep_symmetry: whether a single vesicle that starts symmetric is kept symmetric.
+        observables: functions of your own by name. Each gets a row (`Row`: t, x, V_m, tension, diagnostics of one saved
+            time) and returns one number, or one for each vesicle. They are among the `diagnostics` of the result.
 
     Raises:
         ValueError: an argument has the wrong type, or a known value is out of its bounds. Traced values that are out of
@@ -108,10 +136,15 @@ def simulate(
     _check_kinds(scene, march, checks)
     _check_times(t_end, saves, times)
     _check_average(average, t_end, times)
+    require_observables(observables)
     average = None if average is None else as_float(average)
     saved = (as_float(t_end), 50 if saves is None else saves) if times is None else as_float(times)
     options = dict(filter=filter, solver=solver, coupling=coupling, refinement=refinement, keep_symmetry=keep_symmetry)
-    return dataclasses.replace(_simulated(scene, saved, march, average, checks, options), scene=scene)
+    result = dataclasses.replace(_simulated(scene, saved, march, average, checks, options), scene=scene)
+    if not observables:
+        return result
+    found = observed(observables, result.rows())
+    return dataclasses.replace(result, diagnostics=result.diagnostics | found)
 
 
 def _check_kinds(scene, march, checks) -> None:

@@ -1,0 +1,45 @@
+"""Observables of the user's own: functions of a row, computed for every saved time."""
+
+from collections.abc import Callable, Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..base.arguments import refusal
+from .quantities import QUANTITIES
+from .rows import Row
+
+Observables = Mapping[str, Callable[[Row], Array]]
+
+
+def require_observables(observables: Observables | None) -> None:
+    """Raises ValueError unless these are functions with names of their own, or None."""
+    if observables is None:
+        return
+    if not isinstance(observables, Mapping):
+        raise refusal("observables", observables, "functions of a row by their names, such as {'height': height}")
+    for name, function in observables.items():
+        if not isinstance(name, str) or not name.isidentifier() or name in QUANTITIES:
+            raise refusal("observables", repr(name), "names of your own, which are identifiers and no diagnostics")
+        if not callable(function):
+            raise refusal(f"observables[{name!r}]", function, "a function of a row")
+
+
+@eqx.filter_jit
+def observed(observables: Observables, rows: Row) -> dict[str, Array]:
+    """Returns the values of the functions at every saved time, (T,) or (T, M).
+
+    Raises:
+        ValueError: a function does not give one number, or one for each vesicle.
+    """
+    M = rows.x.shape[1]
+    found = {}
+    for name, function in observables.items():
+        values = jax.lax.map(lambda row, function=function: jnp.asarray(function(row)), rows)
+        if values.shape[1:] not in ((), (M,)) or not jnp.issubdtype(values.dtype, jnp.number):
+            shape = f"values of shape {values.shape[1:]}"
+            raise refusal(f"observables[{name!r}]", shape, f"one number, or one for each of {M} vesicles")
+        found[name] = values.astype(float)
+    return found
