@@ -75,7 +75,7 @@ _PUBLIC = {
     "runs.runner": ("run",),
     "sweeps.sweeping": ("sweep",),
     "analysis.critical_field": ("critical_field",),
-    "analysis.fit": ("fit",),
+    "analysis.fit": ("fit", "fit_frames"),
     "analysis.gradcheck": ("check_gradients",),
     "analysis.observations": ("Observations",),
     "analysis.sensitivity": ("AtEnd", "AtRest", "gradient", "hessian_product", "jacobian", "second_order"),

@@ -8,7 +8,7 @@ import numpy as np
 import optax
 import pytest
 
-from jaxves.analysis import boxes, critical_field, descent, differences, fit, gradcheck, search, sensitivity
+from jaxves.analysis import boxes, critical_field, descent, differences, fit, gradcheck, intervals, search, sensitivity
 from jaxves.analysis.observations import Model, Observations, radii, shown
 from jaxves.analysis.steady import steady_shape
 from jaxves.cli.commands import answer
@@ -209,9 +209,10 @@ def test_bending_is_found_from_a_relaxation_and_a_place_that_nothing_tells_is_na
     assert low < 1.0 < high
     best = found.values["vesicle.bending"]
     slope = np.linalg.norm(deformation(1.01 * best) - deformation(0.99 * best)) / np.log(1.01 / 0.99)
-    assert np.log(high / low) / 2 == pytest.approx(fit.NORMAL_95 * noise / slope, rel=1e-3)
+    assert np.log(high / low) / 2 == pytest.approx(intervals.NORMAL_95 * noise / slope, rel=1e-3)
     assert found.chi2 < 25 and found.observations == 8
-    assert found.loose == ("+1.00 vesicle.center[0]",)
+    assert found.loose == ("+1.00 vesicle.center[0]",) and found.intervals["vesicle.center[0]"] is None
+    assert "not determined alone" in str(found)
     assert found.starts[0].converged
 
     stored = json.loads(kept.read_text())

@@ -4,10 +4,12 @@ steady          steady shapes by Newton's method
 sensitivity     first and second derivatives of diagnostics
 differences, gradcheck  comparison of derivatives with finite differences
 boxes           coordinates for numbers with bounds
+film_gauge      outlines of a film as observations
 observations    observed quantities, and the model that computes them
 search          fit from one start by a trust region
 descent         fit from one start by gradient descent
 kept_starts     the file of finished starts of a fit
+intervals       intervals of fitted numbers, and combinations that are not determined
 fit             numbers from observations, with confidence intervals
 control         a run as a function of the values of the field, and the cost of missing a goal
 line_search     one step of the search for such values

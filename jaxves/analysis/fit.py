@@ -3,10 +3,12 @@ r"""Numbers of a scene from observations: least squares from several starts, wit
 With the model m(p), the observations d and their standard deviations s, `fit` minimises χ² = Σ ((m - d)/s)² within
 bounds. The search is a trust region (`search`) or a gradient descent with an optimiser of Optax (`descent`). Both use
 forward derivatives: P unknowns cost P tangents of a run. Near the minimum χ² is a paraboloid with the curvature JᵀJ,
-where J = ∂(m/s)/∂p. Its inverse is the covariance of the numbers (Laplace's approximation). Where the paraboloid has a
-long axis, the observations do not determine the numbers separately, and the answer names that combination.
+where J = ∂(m/s)/∂p. Its inverse is the covariance of the numbers (Laplace's approximation, `intervals`). Where the
+paraboloid has a long axis, the observations do not determine the numbers separately. The answer names that combination.
 
     observed = {"deformation_along_field": D}, any diagnostics (T, …) at t_end k/T, k = 1 … T, and "radii" (T, M, K)
+
+`fit_frames` takes the outlines of a film from a microscope.
 """
 
 import functools
@@ -20,31 +22,45 @@ import optax
 from jaxtyping import Float
 
 from ..base.arguments import require_count
+from ..geometry.frames import Frames
 from ..inputs.parameters import check_numbers
 from ..inputs.scene_files import Readable, read_scene
-from ..numerics.arrays import as_float
+from ..numerics.arrays import ScalarLike, as_float
 from ..stepping.march import AbstractMarch
 from . import boxes
-from .boxes import Box
 from .descent import descent, require_optimiser
+from .intervals import LOOSE, judged
 from .kept_starts import fingerprint, keep, resumed
 from .observations import Model, Observations
 from .search import Start, Target, linearised, starting_points, trust_region
 
-NORMAL_95 = 1.959964
-_LOOSE = 1.0  # half of a 95 % interval beyond which a combination of numbers counts as not determined
-
 
 class Fit(NamedTuple):
-    """The best end of all starts. The intervals are 95 %, from the paraboloid in the coordinates of the search."""
+    """The best end of all starts. The intervals are 95 %, from the paraboloid in the coordinates of the search.
+
+    A number that the observations do not determine has no interval. `str` gives all of it in words.
+    """
 
     values: dict[str, float]
-    intervals: dict[str, tuple[float, float]]
+    intervals: dict[str, tuple[float, float] | None]  # None for a number that is not determined
     covariance: Float[np.ndarray, "P P"]  # in the units of the numbers, in the order of `values`
     chi2: float
     observations: int  # χ² is near this minus the number of unknowns if model and deviations are right
     loose: tuple[str, ...]  # combinations that the observations do not determine
+    determined: tuple[str, ...]  # combinations that they do determine, of numbers that are not determined alone
     starts: tuple[Start, ...]
+
+    def __str__(self) -> str:
+        lines = []
+        for name, interval in self.intervals.items():
+            if interval is None:
+                lines.append(f"{name}: not determined alone")
+            else:
+                lines.append("{} = {:.5g}, 95 % from {:.5g} to {:.5g}".format(name, self.values[name], *interval))
+        lines += [f"{sentence}." for sentence in self.determined]
+        if not self.determined:
+            lines += [f"{combination} is not determined." for combination in self.loose]
+        return "\n".join([*lines, f"χ² = {self.chi2:.5g} for {self.observations} observations"])
 
 
 def fit(
@@ -107,6 +123,37 @@ def fit(
     return _judged(tuple(done[: len(points)]), target)
 
 
+def fit_frames(
+    scene_file: Readable,
+    bounds: Mapping[str, tuple[float, float]],
+    frames: Frames,
+    time_unit: ScalarLike,
+    **how,
+) -> Fit:
+    """Returns the numbers with which the scene agrees best with the outlines of a film.
+
+    The outlines are compared by their normal distances in Fourier modes, weighted by their noise (`film_gauge`).
+    Neither the position of the vesicle nor tank-treading counts. With the right scene, χ² is near the number of
+    observations minus the number of unknowns.
+
+    The scene has one vesicle, whose length is in units of the radius a of the film. To take the errors of the radius
+    and of the reduced area into account, let "vesicle.length" and "vesicle.reduced_area" be among the `bounds`.
+
+    Args:
+        scene_file: the scene at t = 0, which is the frame `frames.start`.
+        bounds: (lower, upper) for each number to be found.
+        frames: the film, as `read_frames` returns it.
+        time_unit: t_κ in s, with the bending stiffness to which `vesicle.bending` is relative; see
+            `LabQuantities.scales`.
+        how: the other arguments of `fit`.
+
+    Raises:
+        ValueError: as for `fit`; or the scene has several vesicles.
+        SceneError: the scene has no number of such a name.
+    """
+    return fit(scene_file, bounds, Observations.of_frames(frames, time_unit), **how)
+
+
 def _judged(starts: tuple[Start, ...], target: Target) -> Fit:
     """Returns the best end of all starts, with intervals and the combinations that are not determined."""
     inside = dict(target.inside)
@@ -116,32 +163,11 @@ def _judged(starts: tuple[Start, ...], target: Target) -> Fit:
     best = min(finite, key=lambda start: start.chi2)
     r, jacobian = linearised(as_float(boxes.to_coordinates(best.ended, inside)), target)
     to_value = boxes.slopes(best.ended, inside)
-    fisher = np.array(jacobian)
-    # Columns at the level of round-off carry no information. They would contaminate combinations with the others.
-    said = np.max(np.abs(fisher), axis=0)
-    fisher[:, said < 1e-9 * np.max(said)] = 0.0
-    _, singular, axes = np.linalg.svd(fisher, full_matrices=False)
-    singular = np.maximum(singular, 1e-100)
-    half = NORMAL_95 / singular
-    covariance = (axes.T / singular**2) @ axes
-    sizes = NORMAL_95 * np.sqrt(np.diag(covariance))
-    intervals = {}
+    sizes, covariance, loose, determined = judged(np.array(jacobian), inside)
+    intervals: dict[str, tuple[float, float] | None] = {}
     for (name, box), size, scale in zip(inside.items(), sizes, to_value, strict=True):
         value, both = best.ended[name], np.array([-size, size])
         low, high = value * np.exp(np.clip(both, -600, 600)) if box.positive else value + scale * both
-        intervals[name] = (float(low), float(high))
-    loose = tuple(_in_words(axis, inside) for axis, size in zip(axes, half, strict=True) if size > _LOOSE)
-    return Fit(
-        best.ended, intervals, to_value[:, None] * covariance * to_value, best.chi2, r.size, loose, starts
-    )  # fmt: skip
-
-
-def _in_words(axis: Float[np.ndarray, "P"], inside: Mapping[str, Box]) -> str:
-    """Returns a combination of numbers in words, with the largest weight positive: "+0.71 log a -0.71 log b"."""
-    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
-    parts = [
-        f"{weight:+.2f} {f'log {name}' if box.positive else name}"
-        for weight, (name, box) in zip(axis, inside.items(), strict=True)
-        if abs(weight) > 0.1
-    ]
-    return " ".join(parts)
+        intervals[name] = (float(low), float(high)) if size <= LOOSE else None
+    covariance = to_value[:, None] * covariance * to_value
+    return Fit(best.ended, intervals, covariance, best.chi2, r.size, loose, determined, starts)

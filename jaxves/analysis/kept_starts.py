@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+import jax
 import numpy as np
 import optax
 
@@ -30,6 +31,8 @@ def fingerprint(
     text = [to_toml(scene_file), repr(sorted(inside.items())), repr(march), repr(tolerance), repr(observations.t_end)]
     for name in sorted(observations.seen):
         text += [name, repr(np.asarray(observations.seen[name]).tolist()), repr(float(observations.deviation[name]))]
+    if observations.gauge is not None:
+        text += [repr(np.asarray(array).tolist()) for array in jax.tree.leaves(observations.gauge)]
     if method is not None:
         text.append(fingerprint_of(method))
     return hashlib.sha256("\n".join(text).encode()).hexdigest()

@@ -1,6 +1,8 @@
 """Observations of a vesicle, and the model that computes the same quantities from the numbers of a scene.
 
 observed = {"deformation_along_field": D}, any diagnostics (T, …) at t_end k/T, k = 1 … T, and "radii" (T, M, K)
+
+The outlines of a film are observed as "outline" (F, q), by the gauge that compares them with shapes (`film_gauge`).
 """
 
 from collections.abc import Mapping
@@ -17,12 +19,14 @@ from ..base.arguments import require
 from ..base.bounds import POSITIVE
 from ..geometry import curve as geometry
 from ..geometry.curve import Curve
+from ..geometry.frames import Frames
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import FIT
 from ..numerics import fourier
-from ..numerics.arrays import VesiclePoints, as_float
+from ..numerics.arrays import ScalarLike, VesiclePoints, as_float
 from ..runs.case import Case
 from ..stepping.march import AbstractMarch
+from .film_gauge import Gauge, gauge
 
 
 class Observations(NamedTuple):
@@ -31,6 +35,13 @@ class Observations(NamedTuple):
     t_end: float
     seen: dict[str, Float[np.ndarray, "T ..."]]
     deviation: dict[str, float]
+    gauge: Gauge | None = None  # of "outline"
+
+    @classmethod
+    def of_frames(cls, frames: Frames, time_unit: ScalarLike) -> "Observations":
+        """Returns the outlines of a film as observations; `time_unit` is t_κ in s, and lengths are in units of a."""
+        made, seen, t_end = gauge(frames, time_unit)
+        return cls(t_end, {"outline": seen}, {"outline": 1.0}, made)
 
 
 def radii(x: VesiclePoints, K: int) -> Float[Array, "M K"]:
@@ -59,6 +70,7 @@ class Model(eqx.Module):
     saves: int = eqx.field(static=True)
     t_end: float = eqx.field(static=True)
     march: AbstractMarch
+    gauge: Gauge | None = None
 
     @classmethod
     def of(cls, scene_file: SceneFile, observations: Observations, march: AbstractMarch | None = None) -> "Model":
@@ -69,7 +81,9 @@ class Model(eqx.Module):
             SceneError: the scene has a key that no fit can honour.
         """
         require("observations.t_end", observations.t_end, POSITIVE)
-        counts = {len(values) for values in observations.seen.values()}
+        counts = {len(values) for name, values in observations.seen.items() if name != "outline"}
+        if observations.gauge is not None:
+            counts.add(observations.gauge.saves)
         if len(counts) != 1 or 0 in counts:
             raise ValueError(f"observations.seen: {sorted(counts)} times, expected the same number of all, at least 1.")
         for name in observations.seen:
@@ -80,8 +94,18 @@ class Model(eqx.Module):
         directions = np.shape(observations.seen["radii"])[-1] if "radii" in observations.seen else 0
         saves = counts.pop()
         case = Case.of(scene_file, FIT)
+        if observations.gauge is not None and len(scene_file.vesicles()) > 1:
+            raise ValueError(f"scene has {len(scene_file.vesicles())} vesicles, expected one, as in a film.")
         march = (case.march(observations.t_end, saves) if march is None else march).forwards()
-        return cls(scene_file, tuple(sorted(observations.seen)), directions, saves, observations.t_end, march)
+        return cls(
+            scene_file,
+            tuple(sorted(observations.seen)),
+            directions,
+            saves,
+            observations.t_end,
+            march,
+            observations.gauge,
+        )
 
     def __call__(self, values: Mapping[str, Array]) -> dict[str, Float[Array, "T ..."]]:
         """Returns the observed quantities (T, ...) by name; NaN if the run does not reach its end."""
@@ -90,10 +114,13 @@ class Model(eqx.Module):
         found = {name: jnp.where(complete, value, jnp.nan) for name, value in result.diagnostics.items()}
         if self.directions:
             found["radii"] = jnp.where(complete, jax.vmap(lambda x: radii(x, self.directions))(result.x), jnp.nan)
+        found = {name: history[1:] for name, history in found.items()}
+        if self.gauge is not None:
+            found["outline"] = jnp.where(complete, self.gauge(result.x), jnp.nan)
         for name in self.names:
             if name not in found:
                 raise ValueError(f"observations.seen: {name!r}, expected some of radii, {', '.join(sorted(found))}.")
-        return {name: found[name][1:] for name in self.names}
+        return {name: found[name] for name in self.names}
 
 
 @eqx.filter_jit

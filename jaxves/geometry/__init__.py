@@ -7,5 +7,6 @@ shapes      circles, ellipses, curves through points
 curve       `Curve`: nodes with tangent, normal, curvature; area, length, inclination angle
 domain                                  the space that vesicles are in: the plane, or a periodic cell
 starts      checks of starting curves
+distance    distances of points from a curve
 extremes    maxima and minima on a curve, also between its nodes; least distances
 """

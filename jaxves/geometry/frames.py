@@ -52,6 +52,7 @@ class Frames:
     points: tuple[Float[np.ndarray, "_ 2"], ...]  # of each frame, counter-clockwise
     curves: Float[np.ndarray, "T n 2"]  # equispaced in arc length
     covariance: Float[np.ndarray, "T C C"]  # of the normal displacement of the curves by modes (a_0, a_1, b_1, …)
+    offsets: Float[np.ndarray, "T C"]  # mean depths of the points inside the curves by the same modes, almost zero
     noise: float  # standard deviation of the points along the normal
     correlation: float  # S/σ²: 1 if the errors of neighbouring points are independent
     measures: Measures  # of each frame
@@ -163,7 +164,8 @@ def _fitted(found: Sequence[OutlineInFrame], pixel, interval, start, modes) -> F
     noise = float(np.sqrt(np.mean(each**2)))
     return Frames(
         pixel, interval, np.array(numbers), start, modes, tuple(checked), np.array([fit.samples for fit in fits]),
-        np.array([density * fit.unit for fit in fits]), noise, density / noise**2,
+        np.array([density * fit.unit for fit in fits]), np.array([fit.offset for fit in fits]), noise,
+        density / noise**2,
         measures([fit.samples for fit in finer], [density * fit.unit for fit in finer]),
     )  # fmt: skip
 
@@ -171,13 +173,15 @@ def _fitted(found: Sequence[OutlineInFrame], pixel, interval, start, modes) -> F
 class _Fit(NamedTuple):
     samples: Float[np.ndarray, "n 2"]
     deviation: float
+    offset: Float[np.ndarray, "C"]  # depth of the points inside the curve by modes
     unit: Float[np.ndarray, "C C"]  # covariance of the normal displacement for noise of one pixel
 
 
 def _fit(points: Float[np.ndarray, "K 2"], modes: int) -> _Fit:
     fit = outline_fit.fitted(points, modes, max(_SAMPLES, 4 * modes))
     B = basis(fit.feet, modes)
-    return _Fit(fit.samples, fit.deviation, np.linalg.inv(B.T @ B))
+    unit = np.linalg.inv(B.T @ B)
+    return _Fit(fit.samples, fit.deviation, unit @ (B.T @ fit.inside), unit)
 
 
 def _check_count(found: Sequence[OutlineInFrame], least: int, advice: str) -> None:
