@@ -57,22 +57,38 @@ def test_a_run_begins_with_the_nodes_that_its_tension_asks_for_and_may_use_twice
     assert found.wanted(row) == pytest.approx(wanted, rel=1e-9)
 
 
+def nodes_with(limit):
+    """The numbers of nodes of a run with this limit of spectra, without its programs."""
+    nodes = adapt_nodes.Resolution.__new__(adapt_nodes.Resolution)
+    nodes.sizes, nodes.limit = resolution.sizes_up_to(96), limit
+    nodes.first = SimpleNamespace(equation=SimpleNamespace(scene=SimpleNamespace(bending=np.ones(1))))
+    return nodes
+
+
+def row_of(asked, ripple=0.0):
+    """A saved row on 48 nodes whose tension asks for so many, with a wave at the top of the spectrum of x."""
+    x = np.asarray(shapes.ellipse(48, 0.99))[None, None]
+    x = x + ripple * np.cos(20 * 2 * np.pi * np.arange(48) / 48)[:, None]
+    found = {"length": np.full((1, 1), 2 * np.pi), "self_gap": np.full((1, 1), np.inf)}
+    return Row(np.zeros(1), x, 0 * x[..., 0], found | {"tension_min": np.full((1, 1), -((asked / 3) ** 2))})
+
+
 def test_nodes_follow_the_tension_up_and_down(small_sizes):
     """A smooth shape under a tension of -λ asks for 3 √λ nodes, and for a fifth more before it has fewer."""
-    x = np.asarray(shapes.ellipse(48, 0.99))[None, None]
-    nodes = adapt_nodes.Resolution.__new__(adapt_nodes.Resolution)
-    nodes.sizes, nodes.limit = resolution.sizes_up_to(96), 1e-5
-    nodes.first = SimpleNamespace(equation=SimpleNamespace(scene=SimpleNamespace(bending=np.ones(1))))
+    nodes = nodes_with(1e-5)
+    assert nodes.wanted(row_of(40)) == pytest.approx(40)
+    assert not nodes._wants_more(status.RUNNING, row_of(47), 48)
+    assert nodes._wants_more(status.RUNNING, row_of(49), 48)
+    assert nodes._is_enough(row_of(39), 48)
+    assert not nodes._is_enough(row_of(41), 48)
 
-    def row(asked):
-        found = {"length": np.full((1, 1), 2 * np.pi), "self_gap": np.full((1, 1), np.inf)}
-        return Row(np.zeros(1), x, x[..., 0], found | {"tension_min": np.full((1, 1), -((asked / 3) ** 2))})
 
-    assert nodes.wanted(row(40)) == pytest.approx(40)
-    assert not nodes._wants_more(status.RUNNING, row(47), 48)
-    assert nodes._wants_more(status.RUNNING, row(49), 48)
-    assert nodes._is_enough(row(39), 48)
-    assert not nodes._is_enough(row(41), 48)
+def test_spectra_of_wrinkled_membranes_may_end_ten_times_higher(small_sizes):
+    """A wave of 3e-5 at the top of the spectrum is too much for a smooth shape, not for wrinkles; 3e-4 always is."""
+    nodes = nodes_with(1e-5)
+    assert nodes._wants_more(status.RUNNING, row_of(12, 3e-5), 48)  # 16 nodes are the fewest here
+    assert not nodes._wants_more(status.RUNNING, row_of(20, 3e-5), 48)
+    assert nodes._wants_more(status.RUNNING, row_of(20, 3e-4), 48)
 
 
 def test_a_flow_that_is_switched_on_later_finds_room_for_its_wrinkles(small_sizes):

@@ -5,7 +5,9 @@ resolved, the interval is computed again with more nodes. If its end would be re
 interval has fewer. The end of an interval is not resolved if
 
 - the top of a spectrum of x or V_m exceeds `limit` times its largest mode, or that of the tension 1000 times this value
-  (a mode k of λ moves the membrane by a factor of 1/k³ less);
+  (a mode k of λ moves the membrane by a factor of 1/k³ less). While compression asks for more than 64 nodes, ten times
+  as much is allowed, because wrinkles have wide spectra: with 2e-5 for x, wrinkles were correct to 1e-4
+  (`experiments/strong_fields.py`);
 - a neck or fold is narrower than four node spacings; or
 - the membrane is so compressed that N < 3 √|λ_min|, with the most negative tension λ_min in κ_B/ρ² and the perimeter
   2πρ. The fastest growing wrinkle then has fewer than 5.2 nodes per wave. This rule also holds at every step
@@ -44,6 +46,7 @@ from .programs import compiled, is_long
 _TENSION = 1e3  # limit of the tension divided by that of x and V_m
 _NECK = 4.0  # least number of node spacings along the narrowest chord
 _HYSTERESIS = 0.1  # fewer nodes are used if they stay below this fraction of the limit
+_WRINKLED = 10.0  # factor on the limit for wrinkled membranes
 _ROOM = 1.2  # and are this many times as many as the wrinkles need
 _FEWEST = 12
 _LOOSER = 30.0  # factor on the limit for a second run with fewer nodes
@@ -225,11 +228,14 @@ class Resolution:
             return False
         if not len(row.t) or code in _RESOLVABLE:
             return code in _RESOLVABLE
-        return demand(row, N) > self.limit or not necks_hold(row, N) or self.wanted(row) > N
+        return demand(row, N) > self._limit(row) or not necks_hold(row, N) or self.wanted(row) > N
 
     def _is_enough(self, row: Row, N: int) -> bool:
-        fits = demand(row, N) < _HYSTERESIS * self.limit and necks_hold(row, N)
+        fits = demand(row, N) < _HYSTERESIS * self._limit(row) and necks_hold(row, N)
         return fits and _ROOM * self.wanted(row) <= N
+
+    def _limit(self, row: Row) -> float:
+        return self.limit * (_WRINKLED if self.wanted(row) > sizes_up_to(0)[0] else 1.0)
 
     def wanted(self, row: Row) -> float:
         """Returns the number of nodes that the compression of the membranes in a row asks for."""
