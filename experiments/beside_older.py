@@ -3,8 +3,9 @@
     git worktree add ../older v0.1.0
     python -m experiments.beside_older ../older      # any other checkout of this repository; about ten minutes
 
-Both versions compile the same runs of fixed steps, each in its own process, through functions that both have. Then
-they take turns, one run of each after the other, so that a busy machine slows both alike.
+Both versions compile the same runs, as users start them: adaptive steps with the default tolerance. Each has its own
+process, and uses functions that both have. Then they take turns, one run of each after the other, so that a busy
+machine slows both alike. A run has one saved time besides the start, and its time is divided by its number of steps.
 
 What to expect: No more equations, floating-point operations or bytes than the older version, no more memory, and a
 median ratio of run times of at most 1.05.
@@ -20,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 TURNS = 30
-QUICK = {"turns": 3, "scenes": ("pop",), "steps": 4}
-SCENES = ("pop", "circulation", "sheared field", "64 vesicles")
+LENGTHS = {"pop": 1.0, "circulation": 0.1, "sheared field": 0.2, "64 vesicles": 1e-4}  # t_end
+QUICK = {"turns": 3, "lengths": {"pop": 1e-3}}
 
 # What runs in each process: scenes by functions that all versions have; one line in, one line out.
 WORKER = """
@@ -53,40 +54,42 @@ def equations(jaxpr):
     inner = [getattr(part, "jaxpr", part) for part in inner]
     return len(jaxpr.eqns) + sum(equations(part) for part in inner if hasattr(part, "eqns"))
 
-name, steps = sys.argv[1], int(sys.argv[2])
-given = scene(name)
-run = lambda given: jaxves.simulate(given, 1e-5 * steps, saves=1, march=jaxves.Fixed(steps)).x
+def run(given):
+    result = jaxves.simulate(given, float(sys.argv[2]), saves=1)
+    return result.x, result.state.steps + result.state.rejected
+
+given = scene(sys.argv[1])
 traced = jax.make_jaxpr(run)(given)
 start = time.perf_counter()
 compiled = jax.jit(run).lower(given).compile()
 seconds = time.perf_counter() - start
 cost, memory = compiled.cost_analysis(), compiled.memory_analysis()
 cost = cost[0] if isinstance(cost, list) else cost
-jax.block_until_ready(compiled(given))
+steps = int(compiled(given)[1])
 print(json.dumps({"equations": equations(traced.jaxpr), "flops": cost["flops"], "bytes": cost["bytes accessed"],
-                  "memory": memory.temp_size_in_bytes, "compile": seconds}), flush=True)
+                  "memory": memory.temp_size_in_bytes, "compile": seconds, "steps": steps}), flush=True)
 for line in sys.stdin:
     start = time.perf_counter()
     jax.block_until_ready(compiled(given))
-    print(time.perf_counter() - start, flush=True)
+    print((time.perf_counter() - start) / steps, flush=True)
 """
 
 
-def process(folder: Path, name: str, steps: int) -> subprocess.Popen:
+def process(folder: Path, name: str, t_end: float) -> subprocess.Popen:
     """A process with the version in `folder`, which compiles a scene and then waits to be told to run it."""
     flags = {"PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     return subprocess.Popen(
-        [sys.executable, "-c", WORKER, name, str(steps)],
+        [sys.executable, "-c", WORKER, name, str(t_end)],
         env=os.environ | flags, cwd=folder, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
     )  # fmt: skip
 
 
-def compared(older: Path, name: str, turns: int, steps: int) -> dict:
-    """{of each version: equations, flops, bytes, memory, compile}, and the ratios of run times, new over old."""
+def compared(older: Path, name: str, turns: int, t_end: float) -> dict:
+    """{of each version: equations, flops, bytes, memory, compile, steps}, and the ratio of their times per step."""
     folders = {"older": older.resolve(), "this": Path(__file__).resolve().parents[1]}
     found, running = {}, {}
     for version, folder in folders.items():
-        running[version] = process(folder, name, steps)
+        running[version] = process(folder, name, t_end)
         found[version] = json.loads(running[version].stdout.readline())
     seconds = {version: [] for version in folders}
     for _ in range(turns):
@@ -99,13 +102,13 @@ def compared(older: Path, name: str, turns: int, steps: int) -> dict:
     draws = np.random.default_rng(0).choice(ratios, (4000, len(ratios)))
     low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
     for version in folders:
-        found[version]["step"] = float(np.median(seconds[version])) / steps
+        found[version]["step"] = float(np.median(seconds[version]))
     return found | {"ratio": float(np.median(ratios)), "interval": [float(low), float(high)]}
 
 
-def run(older=Path(__file__).parents[1], scenes=SCENES, turns=TURNS, steps=20) -> dict:
-    """{scene: what `compared` found}; without `older` this version beside itself."""
-    return {name: compared(Path(older), name, turns, steps if name != "64 vesicles" else 1) for name in scenes}
+def run(older=Path(__file__).parents[1], lengths=None, turns=TURNS) -> dict:
+    """{scene: what `compared` found} for runs of these lengths; without `older` this version beside itself."""
+    return {name: compared(Path(older), name, turns, t_end) for name, t_end in (lengths or LENGTHS).items()}
 
 
 def main():

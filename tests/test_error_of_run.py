@@ -99,3 +99,9 @@ def test_a_vesicle_at_rest_is_not_inaccurate():
     tables = {"t_end": 0.1, "saves": 2, "vesicle": [{"shape": "circle"}], "numerics": {"nodes": 32}}
     result = simulate(build(parse(tables)), 0.1, saves=2)
     assert result.word == "complete" and result.digits > 6
+
+
+def test_the_error_is_taken_wherever_the_run_made_a_few_steps():
+    """Most steps are in the first tenth: its saved times count, though all others have hardly a step between them."""
+    steps = [0, 15, 21, 22, 23, 24, 25, 26, 27, 28, 29]
+    assert list(error_estimate.instants(steps.__getitem__, 10)) == [0, 1, 2, 6, 10]

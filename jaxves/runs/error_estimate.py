@@ -16,7 +16,7 @@ the tolerance. The difference from this run is then the estimate.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -99,13 +99,12 @@ def _compared(
     other, state = resolution.other(second.nodes, second.tolerance)
     apart, ratio, tails = 0.0, 1.0, np.zeros((2, len(_TAILS)))
     last = len(times) - 1
-    stride = math.ceil(_BETWEEN * last / max(int(rows(last).steps), 1))
-    for i in [0, *range(stride, last, stride), last]:
+    for i in instants(lambda i: int(rows(i).steps), last):
+        row = rows(i)
         state, found = other.stepped(state, times[i])
         code = int(state.status)
         if not len(found.t) or code not in (status.RUNNING, status.STEADY):
             return None
-        row = rows(i)
         tails = np.maximum(tails, [[np.max(r.diagnostics[name]) for name in _TAILS] for r in (row, found)])
         apart = max(apart, *_distances(row, found))
         ratio = float(row.steps / max(int(state.steps), 1))
@@ -113,6 +112,18 @@ def _compared(
         if code == status.STEADY or (2 * i > last and not second.tells(ratio)):
             break
     return _Compared(apart, ratio, float(np.max(tails[0] / np.maximum(tails[1], np.finfo(float).tiny))))
+
+
+def instants(steps: Callable[[int], int], last: int) -> Iterator[int]:
+    """Yields the saved times at which two runs are compared: the first, the `last`, and those a few steps apart.
+
+    `steps(i)` is the number of steps up to saved time i. A fast transient has many steps, so it is not passed over.
+    """
+    before = 0
+    for i in range(last + 1):
+        if i in (0, last) or steps(i) - before >= _BETWEEN:
+            before = steps(i)
+            yield i
 
 
 def _distances(row: Row, found: Row) -> list[float]:
