@@ -17,7 +17,7 @@ import xarray
 from conftest import stored
 
 from jaxves.cli.commands import answer
-from jaxves.inputs.scene_files import parse
+from jaxves.inputs.scene_files import parse, read_scene
 from jaxves.results import hdf5, run_store, run_writer
 from jaxves.runs import runner
 
@@ -229,8 +229,23 @@ def test_units_prints_numbers_scales_and_tables_for_a_scene():
     # β/χ = 7e4 at 1.5 V: a giant vesicle in a strong field, which the model does not describe.
     assert f"{epsilon * E**2 * a**3 / kappa_B:.3g}" in out
     warned = [line.split(":")[0] for line in out.splitlines() if line.startswith("! ")]
-    assert warned == ["! Inertia", "! Poration", "! Wrinkles"]
+    assert warned == ["! Inertia", "! Poration"]
     assert "! " not in call("units", *options(E=1e3))[1]
+    assert "! Wrinkles" in call("units", *options(E=3e5))[1]
+
+
+@pytest.mark.parametrize("changed", [{}, {"E": 0.0}, {"E": 0.0, "shear-rate": 0.0}, {"E": 1e3, "sigma-i": 0.0}])
+def test_units_writes_a_scene_with_its_numbers(changed, tmp_path):
+    """In a strong field and shear, in shear alone, at rest, and where the membrane is never charged."""
+    path = tmp_path / "laboratory.toml"
+    code, out, _ = call("units", *options(**changed), "--reduced-area", "0.95", "--out", str(path))
+    assert code == 0 and f"jaxves run {path}" in out
+    scene = read_scene(path)
+    assert scene.vesicle[0].reduced_area == 0.95 and scene.numerics.nodes == "auto" and 0 < scene.t_end < 1e3
+    assert (scene.field is None) == (changed.get("E") == 0.0)
+    assert (scene.flow is None) == (changed.get("shear-rate") == 0.0)
+    assert (scene.vesicle[0].disturbance is not None) == (changed == {})
+    assert call("units", *options(), "--out", str(path))[0] == 2
 
 
 @pytest.mark.parametrize("value", ["0", "1", "1.2", "nan", "-0.5"])

@@ -262,11 +262,14 @@ def units(
     G_m: options.Conductance = 0.0,
     shear_rate: options.ShearRate = 0.0,
     reduced_area: options.ReducedArea = 0.9,
+    out: options.ScenePath = None,
+    force: options.Force = False,
 ) -> None:
     """Convert laboratory quantities to the numbers of the model, and warn where the model does not hold.
 
     Prints the dimensionless numbers, the units of results, the regime of the vesicle (wrinkles, inertia, voltage,
-    charge relaxation) with a warning for each limit that is exceeded, and the tables of a scene file.
+    charge relaxation) with a warning for each limit that is exceeded, and the tables of a scene file. With --out, a
+    whole scene is written: an ellipse of this reduced area along the field, for ten times the slowest time.
     """
     quantities = dict(
         a=a, E=E, sigma_i=sigma_i, sigma_e=sigma_e, epsilon=epsilon, C_m=C_m, kappa_B=kappa_B, mu=mu, G_m=G_m,
@@ -279,8 +282,16 @@ def units(
             raise console.refused(f"--{name.replace('_', '-')} = {value}, expected {wanted}.")
     if not 0 < reduced_area < 1:
         raise console.refused(f"--reduced-area = {reduced_area}, expected a number > 0 and < 1.")
-    from ..physics.units import LabQuantities
-    from .units_report import conversion
+    if out is not None:
+        console.refuse_existing([out], force)
+    import tomli_w
 
-    for part in conversion(LabQuantities(**quantities), reduced_area):
+    from ..physics.units import LabQuantities
+    from .units_report import conversion, scene_of_laboratory
+
+    physical = LabQuantities(**quantities)
+    for part in conversion(physical, reduced_area):
         console.out.print(part, markup=False)
+    if out is not None:
+        out.write_text(tomli_w.dumps(scene_of_laboratory(physical, reduced_area)), encoding="utf-8")
+        console.out.print(f"\nwrote {out}; simulate it with: jaxves run {out}", markup=False)

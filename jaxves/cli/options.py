@@ -90,6 +90,7 @@ ShearRate = Annotated[float, typer.Option("--shear-rate", help="Shear rate, in 1
 ReducedArea = Annotated[
     float, typer.Option("--reduced-area", help="4π area / perimeter², used for the estimates of the regime.")
 ]
+ScenePath = Annotated[Path | None, typer.Option("--out", "-o", help="Also write a scene file with these numbers.")]
 
 # export
 ExportOut = Annotated[

@@ -1,5 +1,6 @@
 """The text that `jaxves units` prints: numbers, scales, the regime with the limits of the model, tables of a scene."""
 
+import math
 from collections.abc import Iterator
 
 import equinox as eqx
@@ -11,6 +12,7 @@ from ..base.physical_numbers import BETA, CAPILLARY_NUMBER, CHI, CONDUCTIVITY_RA
 from ..physics.regime import limits, regime
 from ..physics.units import LabQuantities
 
+_DISTURBANCE = 1e-4  # in units of a; thermal undulations of a giant vesicle are of this size
 _NUMBERS = (BETA, CHI, CONDUCTIVITY_RATIO, MEMBRANE_CONDUCTANCE, CAPILLARY_NUMBER)
 _SCALES = {
     "length": ("m", "a, lengths"),
@@ -75,6 +77,26 @@ def _regime(physical: LabQuantities, reduced_area: float) -> Iterator[Renderable
 
 def _floats(tree: eqx.Module) -> dict[str, float]:
     return {name: float(value) for name, value in vars(tree).items()}
+
+
+def scene_of_laboratory(physical: LabQuantities, reduced_area: float) -> dict:
+    """Returns a scene with these quantities: an ellipse along the field, for ten times the slowest time.
+
+    This is the longest of the times of deformation, charging and shear. Where wrinkles grow, the start is
+    disturbed, because a smooth one would miss them. Without field and flow the vesicle relaxes for the time t_κ.
+    """
+    numbers, found = _floats(physical.numbers()), regime(physical, reduced_area)
+    t_kappa = float(physical.scales().time)
+    times = [] if found.flow_time is None else [found.flow_time / t_kappa]
+    if found.charged_after is not None and math.isfinite(found.charged_after):
+        times.append(found.charged_after / t_kappa)
+    if numbers["capillary_number"] != 0:
+        times.append(1 / abs(numbers["capillary_number"]))
+    vesicle: dict = {"reduced_area": reduced_area, "angle": 90.0}
+    if found.growth is not None and found.growth >= 1:
+        vesicle["disturbance"] = _DISTURBANCE
+    scene = {"t_end": 10 * max(times) if times else 1.0, "vesicle": [vesicle]}
+    return scene | tables(numbers) | {"numerics": {"nodes": "auto"}}
 
 
 def tables(numbers: dict[str, float]) -> dict[str, dict]:

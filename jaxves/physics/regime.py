@@ -21,10 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..base.resolution import AUTO_NODES
 from .units import LabQuantities, Numbers
 
 DENSITY = 1000.0  # kg/m³, of water
-MEASURED_NODES = 256  # the largest number of nodes of one vesicle that runs of this project were checked with
 _LEAST_NODES = 64
 
 
@@ -99,7 +99,7 @@ def _compression(numbers: Numbers, epsilon_0: float) -> tuple[float, float]:
 
 
 def limits(found: Regime) -> Iterator[str]:
-    """Yields one sentence for each limit of the model, or of the tested number of nodes, that this vesicle exceeds."""
+    """Yields one sentence for each limit of the model, or of the number of nodes, that this vesicle exceeds."""
     if found.reynolds > 0.1:
         yield (
             f"Inertia: the Reynolds number is {found.reynolds:.2g}. The model neglects inertia and holds for Reynolds "
@@ -118,10 +118,10 @@ def limits(found: Regime) -> Iterator[str]:
             f"Charge relaxation: charge takes {found.relaxation_time:.2g} s to reach the membrane, against "
             f"{fastest:.2g} s for the fastest motion. The model assumes that it arrives at once."
         )
-    if found.nodes > MEASURED_NODES:
+    if found.nodes > AUTO_NODES[-1]:
         yield (
             f"Wrinkles: the field compresses the membrane into about {found.wrinkles:.0f} waves, which need "
-            f"{found.nodes} nodes. Runs were tested with up to {MEASURED_NODES} nodes. With too few a run ends as "
+            f'{found.nodes} nodes. Runs with nodes = "auto" have at most {AUTO_NODES[-1]}. With too few a run ends as '
             "unresolved or, if the start is not disturbed, misses the wrinkles. A weaker field or a smaller vesicle "
             "needs fewer nodes."
         )
