@@ -19,6 +19,7 @@ from itertools import pairwise
 import numpy as np
 
 from jaxves.analysis import critical_field as critical
+from jaxves.analysis.critical import NoCriticalValue
 from jaxves.base import status
 from jaxves.inputs import scene_files
 from jaxves.plots import sweep_plots
@@ -122,7 +123,7 @@ def critical_fields(scene, area, brackets, most=7) -> dict[float, float | str]:
         try:
             setting = scene_files.parse(whole | {"numerics": resolved})
             found[G] = critical.critical_field(setting, tuple(brackets[G]), tolerance=1e-4).beta
-        except critical.NoCriticalField as error:
+        except NoCriticalValue as error:
             found[G] = str(error)
     return found
 

@@ -51,7 +51,7 @@ def test_wrong_input_is_one_line_that_names_the_argument(complaints):
     bad = {
         name: (kind, message)
         for name, (said, kind, message) in complaints.items()
-        if kind not in {"ValueError", "SceneError", "NoCriticalField"}
+        if kind not in {"ValueError", "SceneError", "NoCriticalValue"}
         or "\n" in message
         or not re.search(said, message)
     }

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxves.analysis import critical_field, gradcheck, sensitivity
+from jaxves.analysis import critical_field, fold, gradcheck, sensitivity
 from jaxves.analysis.observations import Model, Observations
 from jaxves.analysis.steering import steer
 from jaxves.equation import equation
@@ -72,6 +72,8 @@ def begin(use, file):
             return Model.of(file, observations)
         case uses.CRITICAL_FIELD:
             return critical_field.critical_field(file, (1.0, 1.0))
+        case uses.FOLD:
+            return fold.critical_value(file, "field.beta")
         case uses.GRADIENT_CHECK:
             return next(gradcheck.check_gradients(file, -1.0, 1), None)
         case uses.CONTROL:

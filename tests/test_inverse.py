@@ -9,6 +9,7 @@ import optax
 import pytest
 
 from jaxves.analysis import boxes, critical_field, descent, differences, fit, gradcheck, intervals, search, sensitivity
+from jaxves.analysis.critical import NoCriticalValue
 from jaxves.analysis.observations import Model, Observations, radii, shown
 from jaxves.analysis.steady import steady_shape
 from jaxves.cli.commands import answer
@@ -166,9 +167,9 @@ def test_the_least_deformation_is_found_between_saves():
 def test_a_bracket_without_a_boundary_is_refused():
     field = {"beta": 1.0, "conductivity_ratio": 0.1}
     file = parse(RELAXING | {"field": field, "saves": 5, "vesicle": [{"reduced_area": 0.9, "angle": 90.0}]})
-    with pytest.raises(critical_field.NoCriticalField, match="least deformations are 0"):
+    with pytest.raises(NoCriticalValue, match="least deformations are 0"):
         critical_field.critical_field(file, (0.1, 0.2), march=Fixed(4))
-    with pytest.raises(critical_field.NoCriticalField, match="one vesicle in a field"):
+    with pytest.raises(NoCriticalValue, match="a critical field needs a field"):
         critical_field.critical_field(parse(RELAXING), (0.1, 0.2))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxves.observables.shear_motion import average, classify, half_turns
+from jaxves.observables.shear_motion import average, classify, half_turns, is_sheared, motion_of
 
 CA, B = 10.0, 0.6
 
@@ -56,3 +56,27 @@ def test_rows_that_a_run_did_not_reach_do_not_count():
     t, inclination = T.copy(), rigid(T)
     t[400:] = inclination[400:] = np.nan
     assert classify(t, inclination) == "tumbling" and classify(t[:3], inclination[:3]) == "open"
+
+
+def test_slow_motion_of_a_viscous_vesicle_is_not_rest():
+    """Inclinations relax (1 + ν)/2 times as slowly: a change that is rest for ν = 1 is none for ν = 100."""
+    drifting = 0.4 + np.deg2rad(0.3) * T / 1.2
+    assert classify(T, drifting) == classify(T, drifting, 0.1) == "treading"
+    assert classify(T, drifting, 100.0) == "open"
+
+
+def test_the_motion_of_all_vesicles_has_half_turns_and_the_viscosity_of_the_only_one():
+    both = np.stack([rigid(T), 0.4 + np.exp(-2 * T)], axis=1)
+    found = motion_of(T, both, np.ones(2), np.cos(2 * rigid(T)))
+    assert found.names == ("tumbling", "treading") and np.isnan(found.viscosity) and np.isnan(found.half_turn[1])
+    np.testing.assert_allclose(found.half_turn[0], PERIOD, rtol=1e-5)
+    alone = motion_of(np.append(T, np.nan), np.append(both[:, :1], [[np.nan]], axis=0), np.ones(1), np.append(T, 0.0))
+    np.testing.assert_allclose(alone.viscosity, 6.0 - 0.5 * PERIOD * int(6.0 / PERIOD), rtol=1e-5)
+
+
+def test_a_motion_in_shear_needs_a_constant_shear_and_no_circle():
+    tables = {"vesicle": [{"shape": "ellipse"}], "flow": {"kind": "shear"}}
+    assert is_sheared(tables) and is_sheared(tables | {"flow": {"kind": "shear", "time": {"kind": "constant"}}})
+    for flow in (None, {"kind": "extension"}, {"kind": "shear", "time": {"kind": "sine"}}):
+        assert not is_sheared(tables | {"flow": flow})
+    assert not is_sheared(tables | {"vesicle": [{"shape": "circle"}]})

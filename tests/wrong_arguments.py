@@ -33,6 +33,9 @@ def pair(**changed):
     return jaxves.make_scene(**({"shapes": [E, E], "centers": [[0, 0], [3, 0]]} | changed))
 
 
+SINE = {"beta": 3.2, "conductivity_ratio": 0.1, "time": {"kind": "sine", "frequency": 2.0}}
+
+
 def case(**tables):
     return parse(
         {"t_end": 1.0, "vesicle": [{"reduced_area": 0.9}], "field": {"beta": 3.2, "conductivity_ratio": 0.1}} | tables
@@ -252,6 +255,16 @@ WRONG = {
     "a bracket below zero": (lambda: critical_field.critical_field(case(), (-1.0, 2.0)), "bracket"),
     "a critical field with adaptive nodes": (
         lambda: critical_field.critical_field(case(numerics={"nodes": "auto"}), (1.0, 2.0)), 'numerics.nodes = "auto"',
+    ),
+    "a critical value of a number that is none": (lambda: jaxves.critical_value(case(), "beta"), "name = 'beta'"),
+    "a critical value from zero": (
+        lambda: jaxves.critical_value(case(), "field.membrane_conductance"), "field.membrane_conductance = 0",
+    ),
+    "a critical value in a field that changes": (
+        lambda: jaxves.critical_value(case(field=SINE), "field.beta"), 'field.time.kind = "sine"',
+    ),
+    "a critical value near other nodes": (
+        lambda: jaxves.critical_value(case(), "field.beta", near=jaxves.Unknowns.of(E[None, ::2])), "near.x = shape",
     ),
     "a run of a name that is none": (lambda: jaxves.run("popp", "never.h5"), "popp"),
     "a run of nothing": (lambda: jaxves.run(None, "never.h5"), "scene_file"),

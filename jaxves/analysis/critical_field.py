@@ -28,7 +28,6 @@ from jaxtyping import Float
 from scipy.optimize import brentq
 
 from ..base import status
-from ..inputs.parameters import numbers, with_numbers
 from ..inputs.scene_files import Readable
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import CRITICAL_FIELD
@@ -38,13 +37,10 @@ from ..physics.scene import Scene
 from ..runs.case import Case
 from ..stepping.march import AbstractMarch
 from ..stepping.marching import simulate
+from .critical import Discretisation, NoCriticalValue, finer, of_one, with_traced_numbers
 
 NUMBERS = ("vesicle.reduced_area", "field.conductivity_ratio", "field.membrane_conductance", "field.chi")
 QUANTITIES = ("deformation_along_field", "bending_energy", "tension_max")
-
-
-class NoCriticalField(Exception):
-    """The bracket contains no boundary of class P, or a run broke down. The message is one line."""
 
 
 class Critical(NamedTuple):
@@ -57,13 +53,6 @@ class Critical(NamedTuple):
     runs: int
 
 
-class Discretisation(NamedTuple):
-    """The changes of β₀ with 1.5 times the nodes, and with a tenth of the tolerance."""
-
-    nodes: float
-    step: float
-
-
 class Slopes(NamedTuple):
     """-(∂_p Q)/(∂_β Q) for each quantity Q at each saved time, (T,). At late times it is dβ₀/dp for every Q."""
 
@@ -73,10 +62,9 @@ class Slopes(NamedTuple):
 
 
 def _alone(scene_file: Readable) -> Case:
-    case = Case.of(scene_file, CRITICAL_FIELD)
-    scene_file = case.scene_file
-    if len(scene_file.vesicles()) != 1 or scene_file.field is None:
-        raise NoCriticalField("scene_file: a critical field needs one vesicle in a field")
+    case = of_one(scene_file, CRITICAL_FIELD)
+    if case.scene_file.field is None:
+        raise NoCriticalValue("scene_file: a critical field needs a field")
     return case
 
 
@@ -117,16 +105,16 @@ def critical_field(
         march: the time stepping; that of the scene by default.
 
     Raises:
-        NoCriticalField: the vesicle is in the same class at both ends of the bracket, or a run broke down.
+        NoCriticalValue: the vesicle is in the same class at both ends of the bracket, or a run broke down.
     """
     case = _alone(scene_file)
     scene_file = case.scene_file
     if np.shape(bracket) != (2,) or not 0 <= bracket[0] < bracket[1] < np.inf:
-        raise NoCriticalField(f"bracket = {bracket}, expected two fields (low, high) with 0 <= low < high")
+        raise NoCriticalValue(f"bracket = {bracket}, expected two fields (low, high) with 0 <= low < high")
     march = case.march() if march is None else march
     scene, code = _started(case)
     if int(code) != status.RUNNING:
-        raise NoCriticalField(f"vesicle.relaxed = true: relaxing ended as {status.WORDS[int(code)]}")
+        raise NoCriticalValue(f"vesicle.relaxed = true: relaxing ended as {status.WORDS[int(code)]}")
     solved_by = case.solved_by(scene)
     seen: dict[float, tuple[float, float]] = {}
 
@@ -134,13 +122,13 @@ def critical_field(
         at = eqx.tree_at(lambda s: s.field.beta, scene, jnp.asarray(beta))
         t, deformation, code = _history(at, scene_file.t_end, scene_file.saves, march, solved_by)
         if int(code) != status.COMPLETE:
-            raise NoCriticalField(f"field.beta = {beta}: the run ended as {status.WORDS[int(code)]}")
+            raise NoCriticalValue(f"field.beta = {beta}: the run ended as {status.WORDS[int(code)]}")
         seen[beta] = least(np.asarray(t), np.asarray(deformation))
         return seen[beta][1] + classes.THRESHOLD
 
     low, high = bracket
     if not g(low) > 0 > g(high):
-        raise NoCriticalField(
+        raise NoCriticalValue(
             f"bracket = {bracket}, expected fields of which the first keeps the vesicle prolate and the second does "
             f"not; least deformations are {seen[low][1]:.4f} and {seen[high][1]:.4f}"
         )
@@ -158,18 +146,12 @@ def discretisation_error(scene_file: SceneFile, beta: float, *, width: float = 0
     The search is limited to the relative interval `width` around `beta`.
 
     Raises:
-        NoCriticalField: β₀ is not in this interval, or a run broke down.
+        NoCriticalValue: β₀ is not in this interval, or a run broke down.
     """
-    numerics = scene_file.numerics
-    if numerics.nodes == "auto" or numerics.tolerance is None:
-        raise NoCriticalField("numerics: expected a number of nodes and a tolerance, to make finer")
-    finer = {
-        "nodes": 2 * round(0.75 * numerics.nodes),
-        "tolerance": 0.1 * numerics.tolerance,
-    }
     moved = []
-    for key, value in finer.items():
-        other = scene_file.model_copy(update={"numerics": numerics.model_copy(update={key: value})})
+    for other in finer(_alone(scene_file).scene_file):
+        if other is None:
+            raise NoCriticalValue("numerics.time_step, expected a tolerance, to make it finer")
         found = critical_field(other, ((1 - width) * beta, (1 + width) * beta))
         moved.append(abs(found.beta - beta))
     return Discretisation(*moved)
@@ -202,10 +184,8 @@ def slopes(
     case = _alone(scene_file)
     scene_file = case.scene_file
     march = case.march(t_end, saves) if march is None else march
-    found = numbers(scene_file) | {"field.beta": beta}
-    values = {name: as_float(value) for name, value in found.items()}
-    # The numbers of the file are replaced by placeholders, so that one compiled program serves all numbers.
-    case = Case(with_numbers(scene_file, dict.fromkeys(values, 0.5)))
+    case, values = with_traced_numbers(scene_file)
+    values |= {"field.beta": as_float(beta)}
 
     def along(name):
         tangents = {other: as_float(other == name) for other in values}

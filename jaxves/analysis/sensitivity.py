@@ -1,9 +1,10 @@
 r"""First and second derivatives of diagnostics with respect to the numbers of a scene, for runs and steady shapes.
 
 `AtEnd` and `AtRest` are functions {name of a number: value} -> {diagnostic: array}. Any other function of this kind can
-be used as well. With P numbers and Q outputs, a Jacobian costs P forward passes of about 1.5 to 3 runs each, or Q
-reverse passes of about 5 runs each. Use forward mode for a few numbers, and reverse mode for many numbers and one
-output. Every pass is the same compiled program with another direction, so memory does not grow with P and Q.
+be used as well, such as `OverHalfTurns` (`half_turns`). If it has a method `forwards`, this gives the function for
+forward mode. With P numbers and Q outputs, a Jacobian costs P forward passes of about 1.5 to 3 runs each, or Q reverse
+passes of about 5 runs each. Use forward mode for a few numbers, and reverse mode for many numbers and one output. Every
+pass is the same compiled program with another direction, so memory does not grow with P and Q.
 
     jacobian   ∂Q/∂p                    second_order   ∂²Q/∂p∂p'
 """
@@ -32,13 +33,15 @@ from .steady import steady_shape
 Outcome = Callable[[Mapping[str, ScalarLike]], dict[str, Array]]
 
 
-def _names(quantities: Sequence[str]) -> tuple[str, ...]:
+def names_of(quantities: Sequence[str]) -> tuple[str, ...]:
+    """Returns the names of diagnostics as a tuple; raises ValueError if there are none."""
     if isinstance(quantities, str) or not quantities:
         raise refusal("quantities", repr(quantities), "a list of names of diagnostics, at least one")
     return tuple(quantities)
 
 
-def _chosen(found: Mapping[str, Array], quantities: Sequence[str]) -> dict[str, Array]:
+def chosen(found: Mapping[str, Array], quantities: Sequence[str]) -> dict[str, Array]:
+    """Returns the diagnostics with these names; raises ValueError if one is unknown."""
     for name in quantities:
         if name not in found:
             raise ValueError(f"quantities: {name!r}, expected some of {', '.join(sorted(found))}.")
@@ -57,7 +60,7 @@ class AtEnd(eqx.Module):
     """
 
     scene_file: SceneFile = eqx.field(static=True, converter=read_scene)
-    quantities: tuple[str, ...] = eqx.field(static=True, converter=_names)
+    quantities: tuple[str, ...] = eqx.field(static=True, converter=names_of)
     t_end: float | None = eqx.field(static=True, default=None)  # the file's
     averaged: bool = eqx.field(static=True, default=False)
     march: AbstractMarch | None = eqx.field(default=None)  # the file's
@@ -83,8 +86,8 @@ class AtEnd(eqx.Module):
             values, t_end=self.t_end, saves=1, march=self._march(), averaged=self.averaged
         )
         if self.averaged:
-            return _chosen(result.averages, self.quantities)
-        return _chosen({name: history[-1] for name, history in result.diagnostics.items()}, self.quantities)
+            return chosen(result.averages, self.quantities)
+        return chosen({name: history[-1] for name, history in result.diagnostics.items()}, self.quantities)
 
 
 class AtRest(eqx.Module):
@@ -98,7 +101,7 @@ class AtRest(eqx.Module):
     """
 
     scene_file: SceneFile = eqx.field(static=True, converter=read_scene)
-    quantities: tuple[str, ...] = eqx.field(static=True, converter=_names)
+    quantities: tuple[str, ...] = eqx.field(static=True, converter=names_of)
     start: Unknowns
 
     def __check_init__(self):
@@ -108,7 +111,7 @@ class AtRest(eqx.Module):
         case = Case(self.scene_file)
         scene = case.scene(values)
         solver, _ = case.solved_by(scene)
-        return _chosen(steady_shape(scene, self.start, solver=solver).diagnostics, self.quantities)
+        return chosen(steady_shape(scene, self.start, solver=solver).diagnostics, self.quantities)
 
 
 def _traced(values: Mapping[str, ScalarLike]) -> dict[str, Array]:
@@ -122,7 +125,7 @@ def unit(like, i: int):
 
 
 def _forwards(outcome: Outcome) -> Outcome:
-    return outcome.forwards() if isinstance(outcome, AtEnd) else outcome
+    return outcome.forwards() if hasattr(outcome, "forwards") else outcome
 
 
 @eqx.filter_jit

@@ -51,7 +51,7 @@ class Steady(eqx.Module):
         return self.last_step < _SETTLED
 
 
-def _residual(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R"]:
+def residuals(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R"]:
     """Returns the residuals of all equations. `anchor` is the outline that defines centroid and first node."""
     filter = equation.filter
     motion = equation.motion(jnp.zeros(()), y)
@@ -104,7 +104,7 @@ def _by_newton(scene: Scene, start: Unknowns, most: int, solver: AbstractSolver 
     fixed = jax.lax.stop_gradient(equation)
 
     def residual(equation, u):
-        return _residual(equation, unflatten(u), anchor)
+        return residuals(equation, unflatten(u), anchor)
 
     def newton(u):
         matrix = jax.jacfwd(lambda u: residual(fixed, u))(u)

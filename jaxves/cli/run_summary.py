@@ -15,6 +15,7 @@ from ..base import status
 from ..observables import classes, pair_classes
 from ..observables.certificate import certificate, weakest
 from ..observables.rotor import threshold_of
+from ..observables.shear_motion import Motion, is_sheared, motion_of
 from ..observables.wrinkles import missed_wrinkles
 from ..results.ownership import writer_of
 from ..results.run_store import Record
@@ -74,6 +75,8 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
         yield "class: " + ", ".join(classes.NAMES[code] for code in codes)
     if "line_angle" in record.diagnostics and "dipole" in record.diagnostics:
         yield f"pair: {pair_class(record)}"
+    if is_sheared(tomllib.loads(record.scene)):
+        yield f"motion in shear: {motion_words(record)}"
     yield _quantities(record)
     links = certificate(record.diagnostics, record.attributes.get("error"))
     weak = weakest(links)
@@ -99,6 +102,28 @@ def pair_class(record: Record) -> str:
     found = record.diagnostics
     history = (found[name] for name in ("line_angle", "separation", "min_gap"))
     return pair_classes.classify(record.t, *history, float(np.arctan2(y, x)))
+
+
+def motion_words(record: Record) -> str:
+    """Returns the motion of each vesicle in shear, with the time of half a turn and the average of [μ] over them."""
+    tables = tomllib.loads(record.scene)
+    usual = tables.get("fluid", {}).get("viscosity_ratio", 1.0)
+    M = record.x.shape[1]
+    own = [vesicle.get("viscosity_ratio", usual) for vesicle in tables["vesicle"]]
+    ratio = np.resize(own, M)  # both vesicles of a pair are the one that the scene has
+    angle = record.diagnostics["inclination_unwrapped"]
+    found = motion_of(record.t, angle, ratio, record.diagnostics.get("effective_viscosity"))
+    return "; ".join(_motion_of_one(found, m, np.degrees(angle[-1, m])) for m in range(M))
+
+
+def _motion_of_one(found: Motion, m: int, angle: float) -> str:
+    name = found.names[m]
+    if name == "treading":
+        return f"treading at {angle:.3g} degrees"
+    if name != "tumbling":
+        return name
+    text = f"tumbling, {found.half_turn[m]:.4g} for half a turn"
+    return text if np.isnan(found.viscosity) else f"{text}, average of [μ] over whole half-turns {found.viscosity:.4g}"
 
 
 def _error_of_run(record: Record) -> str:

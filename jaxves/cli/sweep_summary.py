@@ -21,6 +21,8 @@ _SHOWN = (
     "inclination_average",
     "tank_treading_speed_average",
     "effective_viscosity_average",
+    "effective_viscosity_tumbling",
+    "half_turn",
     "inclination_final",
     "tank_treading_speed_final",
     "effective_viscosity_final",
@@ -45,9 +47,10 @@ def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
     else:
         yield f"{path}: sweep cut off; {what}. Continue it with --resume."
     yield "cases: " + ", ".join(f"{count} {word}" for word, count in record.counts().items())
-    if record.classes is not None:
-        words, counts = np.unique(record.classes[record.classes != ""], return_counts=True)
-        yield "classes: " + ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
+    for what, found in (("classes", record.classes), ("motions in shear", record.motions)):
+        if found is not None:
+            words, counts = np.unique(found[found != ""], return_counts=True)
+            yield f"{what}: " + ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
     yield from failures(record)
     yield _quantities(record)
 

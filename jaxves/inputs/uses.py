@@ -23,9 +23,10 @@ SWEEP = Use("a sweep", stop=True)
 SENSITIVITY = Use("a sensitivity")
 FIT = Use("a fit")
 CRITICAL_FIELD = Use("a critical field")
+FOLD = Use("a critical value")
 GRADIENT_CHECK = Use("a gradient check")
 CONTROL = Use("a control")
-USES = (RUN, SWEEP, SENSITIVITY, FIT, CRITICAL_FIELD, GRADIENT_CHECK, CONTROL)
+USES = (RUN, SWEEP, SENSITIVITY, FIT, CRITICAL_FIELD, FOLD, GRADIENT_CHECK, CONTROL)
 
 
 def refuse_unused(scene_file: SceneFile, use: Use, origin: str = "scene") -> None:

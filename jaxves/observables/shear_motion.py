@@ -6,12 +6,14 @@
                   half the largest
     open          none of these, as yet
 
-A vesicle of viscosity ratio ν moves on the time scale (1 + ν)/2, so a run of fixed length shows less for a larger ν. A
-tumbling vesicle has the same shape and the same viscosity after half a turn. Averages are therefore taken over whole
-half-turns, between two instants of the same direction. Nothing here imports JAX.
+Shapes and inclinations relax (1 + ν)/2 times as slowly as with equal viscosities. For a viscosity ratio ν > 1, RESTING
+is therefore divided by (1 + ν)/2, so that slow motion is not taken for rest. A tumbling vesicle has the same shape and
+the same viscosity after half a turn. Averages are therefore taken over whole half-turns, between two instants of the
+same direction. Nothing here imports JAX.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -50,8 +52,8 @@ def half_turns(t: History, inclination: History) -> HalfTurns:
     return HalfTurns(times, float(np.mean(np.diff(times))) if len(times) > 1 else np.nan)
 
 
-def classify(t: History, inclination: History) -> str:
-    """Returns one of `NAMES` from the saved times (T,) and the unwrapped inclination in radians."""
+def classify(t: History, inclination: History, ratio: float = 1.0) -> str:
+    """Returns one of `NAMES` from the saved times (T,), the unwrapped inclination in radians, and ν."""
     known = np.isfinite(t) & np.isfinite(inclination)
     t, inclination = np.asarray(t, dtype=float)[known], np.asarray(inclination, dtype=float)[known]
     if len(t) < 5:
@@ -59,7 +61,7 @@ def classify(t: History, inclination: History) -> str:
     if len(half_turns(t, inclination).times) > 2:
         return "tumbling"
     late = inclination[t >= t[-1] - 0.2 * (t[-1] - t[0])]
-    if np.ptp(late) < RESTING:
+    if np.ptp(late) < RESTING / max(1.0, 0.5 * (1 + ratio)):
         return "treading"
     turning = np.flatnonzero(np.diff(np.sign(np.diff(inclination))) != 0) + 1
     swings = np.abs(np.diff(inclination[turning]))
@@ -78,3 +80,42 @@ def average(t: History, inclination: History, values: Float[np.ndarray, "T *rest
         return np.full(np.shape(values)[1:], np.nan)
     start, end = times[-1 - turns], times[-1]
     return np.asarray(CubicSpline(t, values).integrate(start, end) / (end - start))
+
+
+class Motion(NamedTuple):
+    """The motion of all vesicles of a run."""
+
+    names: tuple[str, ...]  # the class of each vesicle
+    half_turn: Float[np.ndarray, "M"]  # the mean time of half a turn; NaN unless it tumbles
+    viscosity: float  # the average of [μ] over whole half-turns; NaN unless there is one vesicle and it tumbles
+
+
+def motion_of(
+    t: History,
+    inclination: Float[np.ndarray, "T M"],
+    ratio: Float[np.ndarray, "M"],
+    viscosity: History | None = None,
+) -> Motion:
+    """Returns the motion of all vesicles from saved times, unwrapped inclinations, ν of each, and [μ].
+
+    Rows that are NaN, which a run did not reach, are ignored.
+    """
+    there = np.isfinite(t) & np.all(np.isfinite(inclination), axis=1)
+    t, inclination = t[there], inclination[there]
+    names = tuple(classify(t, *each) for each in zip(inclination.T, ratio, strict=True))
+    turning = [
+        half_turns(t, angle) if name == "tumbling" else None for angle, name in zip(inclination.T, names, strict=True)
+    ]
+    periods = np.array([np.nan if found is None else found.period for found in turning])
+    mean = np.nan
+    if viscosity is not None and len(turning) == 1 and turning[0] is not None:
+        mean = float(average(t, inclination[:, 0], viscosity[there], len(turning[0].times) - 1))
+    return Motion(names, periods, mean)
+
+
+def is_sheared(tables: Mapping[str, Any]) -> bool:
+    """Returns whether the tables of a scene have a constant shear flow, in which no vesicle is a circle."""
+    flow = tables.get("flow") or {}
+    constant = (flow.get("time") or {}).get("kind", "constant") == "constant"
+    round_ones = [vesicle for vesicle in tables["vesicle"] if vesicle.get("shape") == "circle"]
+    return flow.get("kind") == "shear" and constant and not round_ones

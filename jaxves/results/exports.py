@@ -51,6 +51,8 @@ def sweep_to_csv(record: Any, path: Path) -> None:
     columns.append(("status", record.status.ravel()))
     if record.classes is not None:
         columns.append(("class", record.classes.ravel()))
+    if record.motions is not None:
+        columns.append(("motion", record.motions.ravel()))
     for name, values in record.data.items():
         columns += _columns(name, values.reshape(-1, *values.shape[rank:]))
     _write_table(path, columns)

@@ -47,6 +47,8 @@ def dataset_of_sweep(record: Any) -> Any:
     variables: dict[str, Any] = {"status": (record.dims, record.status)}
     if record.classes is not None:
         variables["class"] = (record.dims, record.classes)
+    if record.motions is not None:
+        variables["motion"] = (record.dims, record.motions)
     for name, values in record.data.items():
         units, long_name = record.labels[name]
         inner = _inner_dims(name, values.ndim - record.status.ndim)

@@ -46,8 +46,9 @@ class Variable:
 class SweepRecord:
     """The contents of the file of a sweep. Arrays have the shape of the grid, followed by that of one case.
 
-    `coordinates` has dimensions and values of each number that varies. `classes` is None without a field. `computed` is
-    the number of cases that the call of `sweep` which returned this record has computed.
+    `coordinates` has dimensions and values of each number that varies. `classes` is None without a field, and `motions`
+    without a constant shear flow. `computed` is the number of cases that the call of `sweep` which returned this record
+    has computed.
     """
 
     dims: tuple[str, ...]
@@ -60,6 +61,7 @@ class SweepRecord:
     labels: dict[str, tuple[str, str]]  # units and name in words
     attributes: dict
     computed: int = 0
+    motions: np.ndarray | None = None
 
     def counts(self) -> dict[str, int]:
         """Returns the number of cases by status, the most frequent first."""
@@ -156,6 +158,7 @@ def read_sweep(path: str | os.PathLike) -> SweepRecord:
             coordinates=coordinates,
             status=words,
             classes=file["class"][...].astype(str) if "class" in file else None,
+            motions=file["motion"][...].astype(str) if "motion" in file else None,
             passes=data.pop("passes"),
             reasons=reasons.reshape(words.shape),
             data=data,

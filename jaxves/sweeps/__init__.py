@@ -1,6 +1,7 @@
 """Many cases of one scene.
 
 case_summary    what a sweep keeps of one case
+motions         the motion in shear of each case
 batches         many cases in one compiled program
 refinement      where a phase diagram needs more cases
 processes       several processes, one sweep

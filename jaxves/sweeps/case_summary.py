@@ -19,6 +19,7 @@ from ..runs.case import Case
 from ..stepping.loop import initial_state, stops_of, to_save
 from ..stepping.march import AbstractMarch
 from ..stepping.state import Journey
+from . import motions
 
 # Diagnostics of which the minimum and the maximum over all saved times are kept.
 EXTREMES = (
@@ -46,20 +47,25 @@ class _Seen(eqx.Module):
     greatest: dict[str, Array]
     worst: dict[str, Array]  # maxima from which the certificate is computed
     deformation: Array | None  # deformation along the field at all saved times, (T, M)
+    turning: dict[str, Array] | None  # what the motion in shear follows from, at all saved times
 
     @classmethod
-    def nothing(cls, row: Row, saves: int, kept: dict[str, Array]) -> "_Seen":
+    def nothing(cls, row: Row, saves: int, kept: dict[str, Array], *, turning: bool) -> "_Seen":
         """Returns the values before the first of `saves` saved times.
 
-        `row` is a row with all names, filled with NaN. `kept` is as in `with_row`.
+        `row` is a row with all names, filled with NaN. `kept` is as in `with_row`. `turning` asks for
+        the time series of the motion in shear.
         """
         names = row.diagnostics
         extremes = {name: names[name] for name in EXTREMES if name in names}
         worst = jax.tree.map(lambda leaf: jnp.full_like(leaf, jnp.nan), certificate.maxima(names, kept, jnp))
-        deformation = None
-        if _CLASSIFIED in names:
-            deformation = jnp.full((saves, *names[_CLASSIFIED].shape), jnp.nan)
-        return cls(names, extremes, extremes, worst, deformation)
+
+        def series(name):
+            return jnp.full((saves, *names[name].shape), jnp.nan)
+
+        deformation = series(_CLASSIFIED) if _CLASSIFIED in names else None
+        of_motion = {name: series(name) for name in motions.DIAGNOSTICS if name in names} if turning else None
+        return cls(names, extremes, extremes, worst, deformation, of_motion)
 
     def with_row(self, k: Array, row: Row, there: Array, kept: dict[str, Array]) -> "_Seen":
         """Returns the values with the row of saved time number k, if `there`. `kept` has the areas and perimeters."""
@@ -70,7 +76,11 @@ class _Seen(eqx.Module):
             {name: jnp.fmax(old, found[name]) for name, old in self.greatest.items()},
             jax.tree.map(jnp.fmax, self.worst, certificate.maxima(found, kept, jnp)),
             None if self.deformation is None else self.deformation.at[k].set(found[_CLASSIFIED]),
+            jax.tree.map(lambda series, value: series.at[k].set(value), self.turning, self._of_motion(found)),
         )
+
+    def _of_motion(self, found: dict[str, Array]) -> dict[str, Array] | None:
+        return None if self.turning is None else {name: found[name] for name in self.turning}
 
     def has_class(self, wanted: str) -> Array:
         """Returns whether all vesicles are in this class now and were not at the start, as `classes.reached`."""
@@ -83,7 +93,7 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
     """Runs `scene`, whose numbers may be traced, and returns arrays by name. All settings are those of `case`.
 
     - `status` (a code), `t_reached`, `steps`, `rejected`;
-    - with a field, `class` (M,), an index into `classes.NAMES`;
+    - with a field, `class` (M,), an index into `classes.NAMES`; in a constant shear flow, `motions.series`;
     - `NAME_final` of every diagnostic, `NAME_average`, and `NAME_min` and `NAME_max` of some;
     - with `keep`, `history/NAME` (T, …), `history/x` and `history/V_m`.
     """
@@ -119,8 +129,8 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
             journey = eqx.tree_at(lambda j: j.state.status, journey, code)
         return (journey, seen), _kept(keep, row)
 
-    start = journey, _Seen.nothing(nothing, len(times), equation.kept())
-    (journey, seen), history = lax.scan(to_next, start, (jnp.arange(len(times)), times))
+    seen = _Seen.nothing(nothing, len(times), equation.kept(), turning=motions.has_motion(scene_file))
+    (journey, seen), history = lax.scan(to_next, (journey, seen), (jnp.arange(len(times)), times))
 
     state = journey.state
     code = jnp.where(state.status == status.RUNNING, status.COMPLETE, state.status)
@@ -133,6 +143,7 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
     }
     if seen.deformation is not None:
         out["class"] = classes.classify(seen.deformation)
+    out |= motions.series(times, seen.turning, scene)
     out |= {f"{name}_final": value for name, value in seen.final.items()}
     means = {} if average is None else diagnostics.averages(state.window.means(), scene)
     kinds = {"average": means, "min": seen.least, "max": seen.greatest}

@@ -28,7 +28,7 @@ from ..results.hdf5 import StoreError
 from ..results.ownership import LostFile, real, writing
 from ..results.sweep_store import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, Variable
 from ..results.sweep_writer import SweepWriter
-from . import processes, refinement
+from . import motions, processes, refinement
 from .batches import METHODS, Batches
 
 Progress = Callable[[int, int, str], None]  # finished cases, cases planned so far, text to show
@@ -203,14 +203,16 @@ class _Sweep:
             words = [status.WORDS[int(code)] for code in codes]
             if due.passes == 1:
                 words = [AGAIN if code == status.TOO_MANY_STEPS else w for w, code in zip(words, codes, strict=True)]
+            useful = [word in (*status.SUCCESS, _INACCURATE) for word in words]
             if "class" in found:
                 found["class"] = np.array(
                     [
-                        sweep_store.class_word(row) if word in (*status.SUCCESS, _INACCURATE) else ""
-                        for word, row in zip(words, found["class"], strict=True)
+                        sweep_store.class_word(row) if use else ""
+                        for use, row in zip(useful, found["class"], strict=True)
                     ],
                     dtype="S",
                 )
+            found = motions.reduced(found, useful)
             writer.write(mine[place], words, due.passes, found)
             self._done += (place.stop - place.start) * jax.process_count()
             self.progress(min(self._done, total), total, what)
@@ -247,13 +249,15 @@ def _variables(shapes: dict[str, jax.ShapeDtypeStruct]) -> tuple[dict[str, Varia
     """Returns the variables of each case in the file, and the lengths of their own dimensions."""
     variables, sizes = dict(_OWN), {}
     for name, shape in shapes.items():
-        if name == "status":
+        if name == "status" or name.startswith(motions.SERIES):
             continue
         if name == "class":
             variables[name] = Variable("1", "phase: P, O, POP, or open; of several vesicles joined by +", dtype="S16")
             continue
         variables[name] = _EXTRA.get(name) or _variable(name)
         sizes |= dict(zip(variables[name].dims, shape.shape, strict=True))
+    if f"{motions.SERIES}t" in shapes:
+        variables |= motions.VARIABLES
     return variables, sizes
 
 
