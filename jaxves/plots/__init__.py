@@ -7,11 +7,13 @@ forcing         the imposed field and flow as a sketch
 run_plots       shapes and time series
 lines           streamlines and field lines
 films           animations
+cell_plots      suspensions in a periodic cell
 frame_plots     outlines from a microscope
 sweep_plots     phase diagrams, maps, curves
 drawing         figures by name, for the methods of results
 """
 
+from .cell_plots import suspension, suspension_film
 from .drawing import draw, draw_sweep, instant
 from .films import animation, film
 from .frame_plots import outlines
@@ -39,4 +41,6 @@ __all__ = [
     "quantity_map",
     "snapshots",
     "streamlines",
+    "suspension",
+    "suspension_film",
 ]

@@ -1,12 +1,14 @@
 """Films of runs: as a file, or for a notebook to play."""
 
 import tempfile
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, HTMLWriter, PillowWriter
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from .forcing import draw_forcing, forcing_of
@@ -27,13 +29,7 @@ def animation(record, path: str | Path, *, color: str | None = None, frames: int
         ValueError: the name of the file has another ending.
         RuntimeError: an .mp4 is asked for and ffmpeg is not installed.
     """
-    path = Path(path)
-    if path.suffix not in _WRITERS:
-        raise ValueError(f"A film is written as .gif, .html or .mp4, not as {path.name!r}.")
-    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
-        raise RuntimeError(f"{path.name!r} needs the program ffmpeg, which is not installed; write a .gif instead.")
-    embedded = {"embed_frames": True} if path.suffix == ".html" else {}
-    writer = _WRITERS[path.suffix](fps=per_second, **embedded)
+    require_writer(path)
     t, x = np.asarray(record.t), np.asarray(record.x)
     there = np.flatnonzero(np.isfinite(x).all(axis=(1, 2, 3)))
     color, values = coloring(record, color)
@@ -50,10 +46,36 @@ def animation(record, path: str | Path, *, color: str | None = None, frames: int
     ax.set(xlim=window[:2], ylim=window[2:])
     ax.set_axis_off()
     figure.colorbar(colors, ax=ax, label=SYMBOLS[color], shrink=0.8)
+
+    def frame(row):
+        drawn = membranes(ax, x[row], values[row], colors)
+        ax.set_title(time_label(float(t[row])))
+        return drawn
+
+    rows = there[np.unique(np.linspace(0, len(there) - 1, frames).round().astype(int))]
+    written(figure, path, frame, rows.tolist(), per_second)
+
+
+def require_writer(path: str | Path) -> None:
+    """Raises ValueError if a film cannot have this name, or RuntimeError if it needs ffmpeg, which is missing."""
+    path = Path(path)
+    if path.suffix not in _WRITERS:
+        raise ValueError(f"A film is written as .gif, .html or .mp4, not as {path.name!r}.")
+    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+        raise RuntimeError(f"{path.name!r} needs the program ffmpeg, which is not installed; write a .gif instead.")
+
+
+def written(
+    figure: Figure, path: str | Path, frame: Callable[[int], Artist], rows: Iterable[int], per_second: int
+) -> None:
+    """Writes a film with one frame for each row. `frame` draws a row and returns what is removed after it."""
+    require_writer(path)
+    path = Path(path)
+    embedded = {"embed_frames": True} if path.suffix == ".html" else {}
+    writer = _WRITERS[path.suffix](fps=per_second, **embedded)
     with writer.saving(figure, str(path), dpi=figure.dpi):
-        for row in there[np.unique(np.linspace(0, len(there) - 1, frames).round().astype(int))]:
-            drawn = membranes(ax, x[row], values[row], colors)
-            ax.set_title(time_label(float(t[row])))
+        for row in rows:
+            drawn = frame(row)
             writer.grab_frame()
             drawn.remove()
 
