@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from experiments import strong_fields
+from experiments import strong_fields, strong_step
 from experiments._common import HERE
 
 
@@ -34,3 +34,8 @@ def test_stored_wrinkles_do_not_depend_on_the_numbers_of_nodes():
     for row in stored("strong_fields")["differences from the first"].values():
         assert row["deformation"] < 1e-5
         assert row["rms curvature"] < 1e-3 and row["wrinkles"] < 1e-3
+
+
+def test_a_step_with_many_nodes_is_timed():
+    (versions,) = strong_step.run(**strong_step.QUICK).values()
+    assert versions["this"]["step / LU"] > 0 and versions["this"]["GB"] > 0
