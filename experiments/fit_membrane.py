@@ -71,7 +71,7 @@ def run(trajectories=20, N=48, saves=64, tolerance=1e-5, t_end=0.2, factor=3.0):
             "seconds": seconds,
             "observations": found.observations,
         }
-        row["inside"] = {n: found.intervals[n][0] < value < found.intervals[n][1] for n, value in TRUTH.items()}
+        row["inside"] = {n: within(found.intervals[n], value) for n, value in TRUTH.items()}
         out.append(row)
         ended = f"{row['iterations']} steps{'' if row['converged'] else ' at most'}, {seconds:.0f} s"
         values = (f"{SYMBOLS[n]} {v:.4g}" for n, v in found.values.items())
@@ -80,9 +80,15 @@ def run(trajectories=20, N=48, saves=64, tolerance=1e-5, t_end=0.2, factor=3.0):
     return {"fits": out, "inside": hits, "exact": exact, "deviation": deviation}
 
 
+def within(interval, value):
+    """Returns whether a number is in its interval; a number that is not determined has none."""
+    return interval is not None and interval[0] < value < interval[1]
+
+
 def expected(found_row):
-    """Returns the relative half-widths of the intervals of one fit, about the geometric mean."""
-    return {name: float(np.log(high / low) / 2) for name, (low, high) in found_row["intervals"].items()}
+    """Returns the relative half-widths of the intervals of one fit, about the geometric mean; infinite without one."""
+    intervals = found_row["intervals"].items()
+    return {name: np.inf if ends is None else float(np.log(ends[1] / ends[0]) / 2) for name, ends in intervals}
 
 
 @styled
@@ -91,9 +97,9 @@ def draw(found) -> Figure:
     figure = Figure(figsize=(run_plots.PAGE, 2.4))
     for axes, (name, value) in zip(figure.subplots(1, len(TRUTH), sharey=True), TRUTH.items(), strict=True):
         for i, row in enumerate(found["fits"]):
-            low, high = row["intervals"][name]
             color = "C0" if row["inside"][name] else "C3"
-            axes.plot([low / value, high / value], [i, i], color=color, lw=1.5)
+            if row["intervals"][name] is not None:
+                axes.plot(np.array(row["intervals"][name]) / value, [i, i], color=color, lw=1.5)
             axes.plot(row["values"][name] / value, i, "o", color=color, ms=2.5)
         axes.axvline(1, color="0.6", lw=0.8)
         axes.set(xlabel=f"{SYMBOLS[name]} / true", title=f"{found['inside'][name]} of {len(found['fits'])}")
