@@ -126,7 +126,7 @@ def test_neighbours_are_those_of_a_search_through_all_pairs(seed):
     curves = crowd(jax.random.key(seed))
     targets, sources = interactions.pair_frames(curves)
     expected = np.zeros((24, 24), bool)
-    is_near = jax.jit(jax.vmap(lambda source, x: interactions.is_near_curve(source, x, 5.0, Free())))
+    is_near = jax.jit(jax.vmap(lambda source, x: interactions.is_near_curve(source, x, 5.0)))
     expected[~np.eye(24, dtype=bool)] = is_near(sources, targets.x)
     near = jax.jit(NearPairs.of, static_argnums=(1, 2))(curves, 12, 5.0, Free())
     assert not near.overflow

@@ -11,8 +11,6 @@ from ..numerics.arrays import Scalar, VesicleNodes
 from ..operators.interactions import AbstractInteractions
 from ..operators.surfaces import Surfaces
 
-_COUPLED = 1e-11  # tolerance for the true relative residual
-
 
 def solve_coupled(
     blocks: linear.AbstractFactoredDense,
@@ -41,7 +39,7 @@ def solve_coupled(
         return krylov.chebyshev(lambda x: own(v - respond(rough, x)), own(v)).reshape(-1)
 
     operator = linear.LinearOperator(action=action, precondition=precondition)
-    return linear.GMRES(_COUPLED).factor(operator).solve(b.reshape(-1)).reshaped(M, N)
+    return linear.GMRES(across.tolerance()).factor(operator).solve(b.reshape(-1)).reshaped(M, N)
 
 
 def assembled(blocks: Float[Array, "M N N"], coupled: Float[Array, "n n"]) -> linear.AbstractFactoredDense:

@@ -44,22 +44,22 @@ class Lists(eqx.Module):
         M, N, _ = x.shape
         per, n = N // plan.cluster, plan.cluster
         lattice = domain.lattice if isinstance(domain, Cell) else None
-        vesicles, circles = _circles(x), _circles(x.reshape(M, per, n, 2))
+        vesicles, clusters = circles(x), circles(x.reshape(M, per, n, 2))
 
         def of_vesicle(i):
             own = jax.tree.map(lambda leaf: leaf[i], vesicles)
-            image = _images(own, vesicles, domain, plan.images)
+            image = images_near(own, vesicles, domain, plan.images)
             within = _are_within(own, vesicles, image, lattice, r_c) & ~_left_out(i, image, excluded)
-            chosen, valid, count = _packed(within, plan.vesicles)
+            chosen, valid, count = packed(within, plan.vesicles)
             source, which = jnp.divmod(chosen, image.shape[1])
             image = image[source, which]
-            theirs = jax.tree.map(lambda leaf: leaf[source], circles)
+            theirs = jax.tree.map(lambda leaf: leaf[source], clusters)
 
             def of_cluster(own):
                 near = _are_within(own, theirs, image[:, None, None], lattice, r_c)[..., 0] & valid[:, None]
-                return _packed(near, plan.room)
+                return packed(near, plan.room)
 
-            place, valid_clusters, counts = jax.vmap(of_cluster)(jax.tree.map(lambda leaf: leaf[i], circles))
+            place, valid_clusters, counts = jax.vmap(of_cluster)(jax.tree.map(lambda leaf: leaf[i], clusters))
             row, cluster = jnp.divmod(place, per)
             found = source[row] * per + cluster, image[row], valid_clusters
             return *found, (count > plan.vesicles) | jnp.any(counts > plan.room)
@@ -75,13 +75,13 @@ class Lists(eqx.Module):
         )
 
 
-def _circles(x: Float[Array, "*groups n 2"]) -> tuple[Float[Array, "*groups 2"], Float[Array, "*groups"]]:
+def circles(x: Float[Array, "*groups n 2"]) -> tuple[Float[Array, "*groups 2"], Float[Array, "*groups"]]:
     """Returns centres and radii of circles that contain n points each."""
     center = jnp.mean(x, axis=-2)
     return center, jnp.sqrt(jnp.max(jnp.sum((x - center[..., None, :]) ** 2, axis=-1), axis=-1))
 
 
-def _images(own, others, domain: AbstractDomain, reach: int) -> Int[Array, "M images 2"]:
+def images_near(own, others, domain: AbstractDomain, reach: int) -> Int[Array, "M images 2"]:
     """Returns the images of all vesicles nearest to one, and `reach` more on each side."""
     centers, _ = others
     if not isinstance(domain, Cell):
@@ -111,7 +111,7 @@ def _left_out(i, image: Int[Array, "M images 2"], excluded: Excluded) -> Bool[Ar
     return out | ((jnp.arange(M) == i)[:, None] & jnp.all(image == 0, axis=-1))
 
 
-def _packed(wanted: Bool[Array, "..."], room: int) -> tuple[Int[Array, "room"], Bool[Array, "room"], Int[Array, ""]]:
+def packed(wanted: Bool[Array, "..."], room: int) -> tuple[Int[Array, "room"], Bool[Array, "room"], Int[Array, ""]]:
     """Returns the flat indices of the first `room` true entries, which of them there are, and how many there are."""
     wanted = wanted.reshape(-1)
     place = jnp.cumsum(wanted) - 1

@@ -12,21 +12,24 @@ from ..base.arguments import refusal
 
 
 class Accuracy(NamedTuple):
-    """Shape of the blob, width of the window in grid cells, and degree of the polynomials of the local part."""
+    """Error relative to the largest value, shape of the blob, width of the window in grid cells, degree of polynomials.
 
+    The polynomials are those of the local part. The error is at most a fifth of `tolerance`.
+    """
+
+    tolerance: float
     shape: float
     width: int
     degree: int
 
 
-# Largest error of the sums, relative to their largest value: a fifth of the tolerance or less.
-ACCURACIES = {
-    1e-4: Accuracy(12.0, 6, 10),
-    1e-6: Accuracy(17.0, 8, 13),
-    1e-8: Accuracy(21.5, 10, 16),
-    1e-10: Accuracy(26.5, 12, 19),
-    1e-12: Accuracy(31.0, 14, 22),
-}
+ACCURACIES = (
+    Accuracy(1e-4, 12.0, 6, 10),
+    Accuracy(1e-6, 17.0, 8, 13),
+    Accuracy(1e-8, 21.5, 10, 16),
+    Accuracy(1e-10, 26.5, 12, 19),
+    Accuracy(1e-12, 31.0, 14, 22),
+)
 _REACH = 0.7  # r_c over the mean distance of neighbours, at which lists and transforms take about equally long
 _REACH_IN_CELL = 0.5  # the same in a cell, where nothing around it has to be transformed
 _CLUSTER = 8  # consecutive nodes
@@ -51,9 +54,9 @@ class Plan(NamedTuple):
 
 def accuracy_for(tolerance: float) -> Accuracy:
     """Returns the cheapest accuracy with an error below `tolerance`; raises ValueError below 1e-12."""
-    for known in sorted(ACCURACIES, reverse=True):
-        if known <= tolerance * (1 + 1e-12):
-            return ACCURACIES[known]
+    for known in ACCURACIES:
+        if known.tolerance <= tolerance * (1 + 1e-12):
+            return known
     raise refusal("tolerance", tolerance, "a relative error of at least 1e-12")
 
 

@@ -189,7 +189,7 @@ class NumericsTable(Table):
 
     `solver = "dense"` factorises the systems that couple all membranes. "matrix-free" forms a matrix of two membranes
     only if they are close. "auto" chooses by size. `neighbours` is the room of the matrix-free solver for close pairs,
-    per vesicle on average. A run that needs more ends as "crowded".
+    per vesicle on average; "crowded" if more is needed. Fast sums are accurate to 0.01 `tolerance`, 1e-12 to 1e-6.
 
     `certify` makes a second run with other nodes and other steps (`runs/error_estimate.py`) to estimate the error of
     the whole run. That takes about a third of the time of the run, and several times as long where the run is poorly

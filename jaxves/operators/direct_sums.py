@@ -60,12 +60,10 @@ class Summation(AbstractInteractions):
         return jnp.any(self.near.valid)
 
     def stokes(self, f: VesiclePoints) -> VesiclePoints:
-        near = jax.vmap(StokesBlocks.__matmul__)(self.velocity, f[self.near.source])
-        return self._summed(far.stokes_slp, f).at[self.near.target].add(near)
+        return self._summed(far.stokes_slp, f) + self.near.summed(jax.vmap(StokesBlocks.__matmul__), self.velocity, f)
 
     def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
-        near = times(self.gradient, q[self.near.source])
-        return self._summed(far.laplace_slp_gradient, q).at[self.near.target].add(near)
+        return self._summed(far.laplace_slp_gradient, q) + self.near.summed(times, self.gradient, q)
 
     def roughly(self) -> "Summation":
         """Returns the same with fewer nodes in far sums."""

@@ -53,5 +53,5 @@ class DoubleLayers(eqx.Module):
         return cls(curves, near, jax.lax.map(of_pair, (near.target, near.source, near.valid)))
 
     def __call__(self, u: VesiclePoints) -> VesiclePoints:
-        near = jax.vmap(StokesBlocks.__matmul__)(self.matrices, u[self.near.source])
-        return summed(far.stokes_dlp, self.curves, self.near, u).at[self.near.target].add(near)
+        near = self.near.summed(jax.vmap(StokesBlocks.__matmul__), self.matrices, u)
+        return summed(far.stokes_dlp, self.curves, self.near, u) + near

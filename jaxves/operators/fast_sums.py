@@ -24,7 +24,7 @@ from ..numerics.batching import greatest
 from ..potentials import far
 from ..potentials.self_stokes import StokesBlocks
 from .direct_sums import summed
-from .interactions import AbstractInteractions
+from .interactions import SOLVED, AbstractInteractions
 from .near_pairs import NearPairs
 from .pairs import close_matrices, times
 
@@ -74,11 +74,14 @@ class FastSummation(AbstractInteractions):
         weights = (self.curves.weights * V_m)[..., None]
         return jnp.sum(weights * self.curves.normal, axis=(0, 1)) / self.cell.area()
 
+    def tolerance(self) -> float:
+        return max(SOLVED, 0.1 * self.sums.plan.accuracy.tolerance)
+
     def any_near(self) -> Bool[Array, ""]:
         return jnp.any(self.near.valid)
 
     def stokes(self, f: VesiclePoints) -> VesiclePoints:
-        near = jax.vmap(StokesBlocks.__matmul__)(self.velocity, f[self.near.source])
+        near = self.near.summed(jax.vmap(StokesBlocks.__matmul__), self.velocity, f)
 
         def fast(f):
             return self.sums.stokes(f) - self._own(f)
@@ -87,10 +90,10 @@ class FastSummation(AbstractInteractions):
             others = self._smooth_of_near(lambda blocks, f: blocks[0] @ f, f)
             return summed(far.stokes_slp, self.curves, self.near, f) + others
 
-        return self._chosen(fast, direct, f).at[self.near.target].add(near)
+        return self._chosen(fast, direct, f) + near
 
     def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
-        near = times(self.gradient, q[self.near.source])
+        near = self.near.summed(times, self.gradient, q)
 
         def fast(q):
             return self.sums.slp_gradient(q) - self._own_gradient(q)
@@ -99,7 +102,7 @@ class FastSummation(AbstractInteractions):
             others = self._smooth_of_near(lambda blocks, q: jnp.einsum("aij,j->ia", blocks[1], q), q)
             return summed(far.laplace_slp_gradient, self.curves, self.near, q) + others
 
-        return self._chosen(fast, direct, q).at[self.near.target].add(near)
+        return self._chosen(fast, direct, q) + near
 
     def _chosen(self, fast, direct, density):
         if self.cell is not None:

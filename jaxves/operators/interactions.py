@@ -28,6 +28,7 @@ from ..numerics.arrays import VesicleNodes, VesiclePoints
 from ..potentials.self_stokes import StokesBlocks
 
 NEAR = 5.0  # default limit for close evaluation, in node spacings of the source
+SOLVED = 1e-11  # relative residual of coupled systems, where the operators are exact to round-off
 _BATCH = 64  # number of pairs that are computed at once
 
 
@@ -54,6 +55,10 @@ class AbstractInteractions(eqx.Module):
         ∇D[V] in a cell is the rotated ∇S[∂_s V] less this vector, because the kernels have zero mean over the cell.
         """
         return None
+
+    def tolerance(self) -> float:
+        """Returns the relative residual to which systems that couple all membranes are solved."""
+        return SOLVED
 
     @abc.abstractmethod
     def any_near(self) -> Bool[Array, ""]:
@@ -127,9 +132,9 @@ def pair_frames(curves: Curve) -> tuple[Curve, Curve]:
     return jax.tree.map(lambda leaf: leaf[target], curves), jax.tree.map(lambda leaf: leaf[source], curves)
 
 
-def is_near_curve(source: Curve, x: Float[Array, "N 2"], near: float, domain: AbstractDomain) -> Bool[Array, ""]:
+def is_near_curve(source: Curve, x: Float[Array, "N 2"], near: float) -> Bool[Array, ""]:
     """Returns whether any of the points `x` is closer than `near` node spacings to `source`."""
-    r2 = jnp.sum(domain.displacement(x[:, None], source.x[None]) ** 2, axis=-1)
+    r2 = (x[:, None, 0] - source.x[:, 0]) ** 2 + (x[:, None, 1] - source.x[:, 1]) ** 2
     spacing = jnp.max(source.weights)
     # Half a spacing is added, because the curve may pass between two nodes.
     return jnp.min(r2) < ((near + 0.5) * spacing) ** 2

@@ -1,25 +1,30 @@
 """Search for close pairs of membranes, with memory that grows like their number and not like its square.
 
-For every target, a fixed number of sources with the nearest circumscribed circles are candidates. The distance of their
+For every target, a fixed number of sources whose circumscribed circles come near are candidates. The distance of their
 nodes then decides. The pairs are stored in a list of fixed length, because compiled code needs a fixed size. `overflow`
 says that there were too few candidates or that the list was too short.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Int
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from ..ewald.lists import circles, images_near, packed
 from ..geometry.curve import Curve
-from ..geometry.domain import AbstractDomain, Cell, Free
+from ..geometry.domain import AbstractDomain, Cell
+from ..numerics.batching import greatest
 from .interactions import is_near_curve
 
 _CANDIDATES = 3  # candidates per stored pair; circles of slender vesicles overlap more often than the vesicles
+_PARTS = (8, 4, 2, 1)  # sums over pairs take an eighth, a quarter or a half of the list if all valid pairs are in it
 
 
 class NearPairs(eqx.Module):
-    """The ordered pairs that need close evaluation; rows that are not `valid` are unused.
+    """The ordered pairs that need close evaluation. The valid rows come first; the others are unused.
 
     In a periodic cell, the source is its image at x + m₁ a₁ + m₂ a₂ with the integers m of `image`.
     """
@@ -32,32 +37,35 @@ class NearPairs(eqx.Module):
 
     @classmethod
     def of(cls, curves: Curve, per_vesicle: int, near: float, domain: AbstractDomain) -> "NearPairs":
-        """Finds the pairs that are closer than `near` node spacings.
+        """Finds the pairs that are closer than `near` node spacings, images of a vesicle near itself included.
 
         There is room for `per_vesicle` sources per target on average.
         """
-        curves, domain = jax.lax.stop_gradient((curves, domain))
-        if isinstance(domain, Cell):
-            return _in_cell(curves, per_vesicle, near, domain)
+        curves, domain = lax.stop_gradient((curves, domain))
         M = curves.x.shape[0]
-        candidates = min(_CANDIDATES * per_vesicle, M - 1)
-        center = jnp.mean(curves.x, axis=1)
-        radius = jnp.sqrt(jnp.max(jnp.sum((curves.x - center[:, None]) ** 2, axis=-1), axis=1))
-        reach = radius + (near + 1) * jnp.max(curves.weights, axis=1)
+        lattice = domain.lattice if isinstance(domain, Cell) else None
+        others = M - 1 if lattice is None else 9 * M - 1
+        candidates = min(_CANDIDATES * per_vesicle, others)
+        found = _candidates(curves, candidates, near, domain)
+        *pairs, valid = (leaf.reshape(M * candidates, *leaf.shape[2:]) for leaf in found[:-1])
+        pairs = jnp.repeat(jnp.arange(M), candidates), *pairs
 
-        def of_target(i):
-            gap = jnp.sqrt(jnp.sum(domain.displacement(center, center[i]) ** 2, axis=-1)) - radius[i] - reach
-            gap = jnp.where(jnp.arange(M) == i, jnp.inf, gap)
-            least, source = jax.lax.top_k(-gap, candidates)
-            sources = jax.tree.map(lambda leaf: leaf[source], curves)
-            close = jax.vmap(lambda source: is_near_curve(source, curves.x[i], near, domain))(sources)
-            return source, (least > 0) & close, jnp.sum(gap < 0) > candidates
+        def is_close(row):
+            (target, source, image), valid = row
 
-        source, close, too_many = jax.lax.map(of_target, jnp.arange(M))
-        room = min(per_vesicle, M - 1) * M
-        target, place = jnp.nonzero(close, size=room, fill_value=0)
-        found = jnp.sum(close)
-        return cls(target, source[target, place], jnp.arange(room) < found, jnp.any(too_many) | (found > room))
+            def close():
+                curve = _moved(jax.tree.map(lambda leaf: leaf[source], curves), image, lattice)
+                return is_near_curve(curve, curves.x[target], near)
+
+            return lax.cond(valid, close, lambda: jnp.array(False))
+
+        close = lax.map(is_close, (pairs, valid))
+        room = min(per_vesicle, others) * M
+        (row,) = jnp.nonzero(close, size=room, fill_value=0)
+        target, source, image = (leaf[row] for leaf in pairs)
+        count = jnp.sum(close)
+        overflow = jnp.any(found[-1]) | (count > room)
+        return cls(target, source, jnp.arange(room) < count, overflow, None if lattice is None else image)
 
     def sources_of(self, target: Int[Array, ""], M: int) -> Bool[Array, "M"]:
         """Returns which of the M membranes are near `target`."""
@@ -66,39 +74,56 @@ class NearPairs(eqx.Module):
     def source_curve(self, k: Int[Array, ""], curves: Curve, domain: AbstractDomain) -> Curve:
         """Returns the source of the pair k, moved to its image."""
         curve = jax.tree.map(lambda leaf: leaf[self.source[k]], curves)
-        if self.image is None:
-            return curve
-        return eqx.tree_at(lambda curve: curve.x, curve, curve.x + self.image[k] @ domain.lattice)
+        return curve if self.image is None else _moved(curve, self.image[k], domain.lattice)
+
+    def summed(
+        self,
+        product: Callable[[PyTree, Float[Array, "k N *rest"]], Float[Array, "k N 2"]],
+        matrices: PyTree,
+        density: Float[Array, "M N *rest"],
+    ) -> Float[Array, "M N 2"]:
+        """Returns, at each target, the sum of `product(matrices, density)` over the near pairs.
+
+        `matrices` has the pairs along its first axis, and zeros for unused ones. Only the first part of the list that
+        contains all valid pairs is multiplied, so that room that is not needed costs little.
+        """
+        room = self.valid.shape[0]
+        sizes = sorted({-(-room // part) for part in _PARTS})
+
+        def over_first(n):
+            @jax.checkpoint
+            def apply(matrices, density):
+                values = product(jax.tree.map(lambda leaf: leaf[:n], matrices), density[self.source[:n]])
+                return jnp.zeros((*density.shape[:2], 2)).at[self.target[:n]].add(values)
+
+            return apply
+
+        count = greatest(jnp.sum(self.valid, dtype=jnp.int32))
+        which = sum((jnp.int32(count > n) for n in sizes[:-1]), start=jnp.int32(0))
+        return lax.switch(which, [over_first(n) for n in sizes], matrices, density)
 
 
-def _in_cell(curves: Curve, per_vesicle: int, near: float, cell: Cell) -> NearPairs:
-    """Finds the near pairs in a periodic cell, images of a vesicle near itself included."""
+def _moved(curve: Curve, image: Int[Array, "2"], lattice: Float[Array, "2 2"] | None) -> Curve:
+    if lattice is None:
+        return curve
+    return eqx.tree_at(lambda curve: curve.x, curve, curve.x + image @ lattice)
+
+
+def _candidates(curves: Curve, room: int, near: float, domain: AbstractDomain):
+    """Returns sources and images (M, room) near each target, which of them are valid, and whether room was short."""
     M = curves.x.shape[0]
-    candidates = min(_CANDIDATES * per_vesicle, 9 * M - 1)
-    center = jnp.mean(curves.x, axis=1)
-    radius = jnp.sqrt(jnp.max(jnp.sum((curves.x - center[:, None]) ** 2, axis=-1), axis=1))
+    vesicles = center, radius = circles(curves.x)
     reach = radius + (near + 1) * jnp.max(curves.weights, axis=1)
-    steps = np.stack(np.divmod(np.arange(9), 3), axis=-1).astype(np.int32) - 1
 
     def of_target(i):
-        image = cell.nearest_image(center[i], center)[:, None] + steps
-        apart = center[i] - center[:, None] - image @ cell.lattice
-        gap = jnp.sqrt(jnp.sum(apart**2, axis=-1)) - radius[i] - reach[:, None]
+        image = images_near((center[i], radius[i]), vesicles, domain, 1)
+        apart = center[i] - center[:, None]
+        if isinstance(domain, Cell):
+            apart = apart - image @ domain.lattice
+        within = jnp.sqrt(jnp.sum(apart**2, axis=-1)) < radius[i] + reach[:, None]
         itself = (jnp.arange(M) == i)[:, None] & jnp.all(image == 0, axis=-1)
-        gap = jnp.where(itself, jnp.inf, gap).reshape(-1)
-        least, chosen = jax.lax.top_k(-gap, candidates)
-        source, image = chosen // 9, image.reshape(-1, 2)[chosen]
+        chosen, valid, count = packed(within & ~itself, room)
+        source, which = jnp.divmod(chosen, image.shape[1])
+        return source, image[source, which], valid, count > room
 
-        def is_close(source, image):
-            curve = jax.tree.map(lambda leaf: leaf[source], curves)
-            curve = eqx.tree_at(lambda curve: curve.x, curve, curve.x + image @ cell.lattice)
-            return is_near_curve(curve, curves.x[i], near, Free())
-
-        return source, image, (least > 0) & jax.vmap(is_close)(source, image), jnp.sum(gap < 0) > candidates
-
-    source, image, close, too_many = jax.lax.map(of_target, jnp.arange(M))
-    room = per_vesicle * M
-    target, place = jnp.nonzero(close, size=room, fill_value=0)
-    found = jnp.sum(close)
-    overflow = jnp.any(too_many) | (found > room)
-    return NearPairs(target, source[target, place], jnp.arange(room) < found, overflow, image[target, place])
+    return lax.map(of_target, jnp.arange(M))

@@ -33,7 +33,7 @@ class Pairwise(AbstractCoupling):
         return M - 1
 
     def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> "PairMatrices":
-        return PairMatrices.of(curves, self.near, domain, electric=electric)
+        return PairMatrices.of(curves, self.near, electric=electric)
 
 
 class PairMatrices(AbstractPairMatrices):
@@ -46,10 +46,10 @@ class PairMatrices(AbstractPairMatrices):
     crowded: None = None
 
     @classmethod
-    def of(cls, curves: Curve, near: float, domain: AbstractDomain, *, electric: bool) -> "PairMatrices":
+    def of(cls, curves: Curve, near: float, *, electric: bool) -> "PairMatrices":
         """Builds the matrices of all pairs of the M membranes; pairs closer than `near` use close evaluation."""
         targets, sources = pair_frames(curves)
-        are_near = jax.vmap(lambda source, x: is_near_curve(source, x, near, domain))(sources, targets.x)
+        are_near = jax.vmap(lambda source, x: is_near_curve(source, x, near))(sources, targets.x)
         far = jax.vmap(lambda source, x: far_matrices(source, x, electric))(sources, targets.x)
 
         # One pair after the other, so that close evaluation is computed only for near pairs.

@@ -15,15 +15,17 @@ from .pairs import Pairwise
 
 _TOGETHER = 512  # up to so many nodes in all, one matrix is used for the linear part of all shapes
 _FAST = 4096  # from so many nodes on, fast sums are used
-_ACCURACY = 1e-10  # of fast sums; the tolerances of time steps are far above it
+ACCURACY = 1e-10  # default of fast sums; the tolerances of time steps are far above it
+_SHARE = 1e-2  # accuracy of fast sums over the tolerance of time steps
+_LEAST, _GREATEST = 1e-12, 1e-6  # bounds of the accuracy that is chosen from a tolerance
 
 
 class MatrixFree(AbstractCoupling):
     """Computes sums instead of storing matrices. Coupled systems are solved by GMRES.
 
     `neighbours` is the room for near pairs, per vesicle on average. `mesh` has devices along one axis that share the
-    work of direct sums. `accuracy` is the error of fast sums, relative to their largest value. With None, sums are
-    direct.
+    work of direct sums. `accuracy` is the error of fast sums, relative to their largest value; coupled systems are
+    solved to a tenth of it. With None, sums are direct.
 
     Raises:
         ValueError: there are both a mesh and an accuracy, as fast sums run on one device; or sums are direct and the
@@ -60,7 +62,12 @@ class MatrixFree(AbstractCoupling):
         return FastSummation.of(curves, near, plan, domain, electric=electric)
 
 
-def coupling_for(M: int, N: int, neighbours: int = 8) -> AbstractCoupling | None:
+def accuracy_of_sums(tolerance: float | None) -> float:
+    """Returns the accuracy of fast sums for time steps with this tolerance; None stands for steps of a given size."""
+    return ACCURACY if tolerance is None else min(max(_SHARE * tolerance, _LEAST), _GREATEST)
+
+
+def coupling_for(M: int, N: int, neighbours: int = 8, accuracy: float = ACCURACY) -> AbstractCoupling | None:
     """Returns the fastest method for M membranes of N nodes; None for one membrane.
 
     By the measurements of `experiments/scale.py`, GMRES is faster than the factorisation from 3 to 4 membranes on. Sums
@@ -70,12 +77,12 @@ def coupling_for(M: int, N: int, neighbours: int = 8) -> AbstractCoupling | None
     if M == 1:
         return None
     if M * N >= _FAST:
-        return MatrixFree(neighbours, accuracy=_ACCURACY)
+        return MatrixFree(neighbours, accuracy=accuracy)
     if M * N > 1024:
         return MatrixFree(neighbours)
     return Pairwise(direct=M * N <= 192, together=M * N <= _TOGETHER)
 
 
-def coupling_in_cell(neighbours: int = 8) -> AbstractCoupling:
+def coupling_in_cell(neighbours: int = 8, accuracy: float = ACCURACY) -> AbstractCoupling:
     """Returns the method for membranes in a periodic cell; also for a single one, which has images."""
-    return MatrixFree(neighbours, accuracy=_ACCURACY)
+    return MatrixFree(neighbours, accuracy=accuracy)
