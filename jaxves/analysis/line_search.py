@@ -9,6 +9,9 @@ from collections.abc import Callable
 from math import inf
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
 _SUFFICIENT = 1e-4  # least decrease of the cost, relative to the one that the slope predicts
 _CLOSER = 0.3  # once the sign has changed, the residual must fall to this share
 _MOST = 12  # trials
@@ -59,3 +62,8 @@ def step_along(
             before, beyond = (share, trial.residual), (beyond[0], 0.5 * beyond[1])
         share = before[0] + (beyond[0] - before[0]) * before[1] / (before[1] - beyond[1])
     return best
+
+
+def capped(step: Float[Array, "K"], longest: float) -> Float[Array, "K"]:
+    """Returns a step of which no component is longer than `longest`."""
+    return step * jnp.minimum(1.0, longest / jnp.maximum(jnp.max(jnp.abs(step)), 1e-300))

@@ -1,12 +1,15 @@
 r"""Optimal control: the field E(t) with which a run ends as wanted, with a bound on |V_m|.
 
-`steer` reduces the cost J of `control` with L-BFGS directions (`optax.scale_by_lbfgs`) in the coordinates √w_k u_k,
-where w_k are the weights of the trapezoidal rule. The directions then do not depend on where the knots are dense.
-J is a sum of squares whose least value is zero. No step therefore goes further than to the place where the linearised
-residuals may vanish, 2J/|slope|; steps are halved until J decreases, and a run that breaks down is a step too long.
+`steer` first brings the quantity to its wanted value, without the bound. It reduces the cost J of `control` with L-BFGS
+directions (`optax.scale_by_lbfgs`) in the coordinates √w_k u_k, where w_k are the weights of the trapezoidal rule. The
+directions then do not depend on where the knots are dense. J is a square whose least value is zero. No step therefore
+goes further than to the place where the linearised residual vanishes, 2J/|slope|; steps are halved until J decreases,
+and a run that breaks down is a step too long.
 
-J counts |V_m| above a limit just below the bound. The search ends when the quantity is within its tolerance and |V_m|
-is within the bound itself at all saved times.
+If |V_m| is then above its bound, the search goes on along fields that give the same quantity. Each step has a part
+across, which corrects the quantity to first order, and a part along, which reduces the excess of |V_m| over a limit
+just below the bound. The search ends when the quantity is within its tolerance and |V_m| is within the bound itself at
+all saved times.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,10 +36,11 @@ from ..stepping.adaptive import Adaptive
 from ..stepping.march import AbstractMarch
 from ..stepping.marching import Result
 from .control import Controlled, Goal, Quantity, greatest_potential, with_gradient
-from .line_search import Trial, step_along
+from .line_search import Trial, capped, step_along
 
 MARGIN = 0.01  # relative distance of the limit of |V_m| in the cost from the bound
 _FIRST = 0.5  # longest first step of a value, relative to the largest one
+_ALONG = 0.07  # the same for steps that keep the quantity
 
 
 class Evaluation(NamedTuple):
@@ -207,17 +211,23 @@ class _Search(NamedTuple):
     def from_values(self, values: Float[Array, "K"]) -> Steering:
         """Returns the end of the search from these values."""
         history: list[Evaluation] = []
-        values, word = self._descent(values, history)
+        here, word = self._descent(values, history)
+        if word == "met" and here.rest[2].max_V_m > self.bound:
+            here, word = self._brought_within(here, history)
+        values = here.rest[0]
         result = self.controlled.run(values, self.saves)
         quantity, greatest = float(self.controlled.measured(result)), float(jnp.max(greatest_potential(result)))
         waveform = self.controlled.waveform(values)
         return Steering(word, quantity, self.wanted, greatest, self.bound, waveform, result, tuple(history))
 
-    def _evaluated(self, values, history) -> Trial | None:
-        """Returns cost and residual with these values, with the gradient; None if there are too many evaluations."""
+    def _evaluated(self, values, history, goal: Goal | None = None) -> Trial | None:
+        """Returns cost and residual with these values, with the gradient; None if there are too many evaluations.
+
+        Without a `goal` the cost is that of the quantity alone.
+        """
         if len(history) == self.evaluations:
             return None
-        goal = Goal(as_float(self.wanted), as_float(self.scale), as_float((1 - MARGIN) * self.bound))
+        goal = Goal(as_float(self.wanted), as_float(self.scale), as_float(inf)) if goal is None else goal
         outcome, gradient = with_gradient(self.controlled, goal, values, self.saves)
         numbers = float(outcome.cost), float(outcome.quantity), float(outcome.max_V_m)
         found = Evaluation(*numbers, status.WORDS[int(outcome.status)])
@@ -225,9 +235,39 @@ class _Search(NamedTuple):
         self.progress(len(history) - 1, found)
         return Trial(found.cost, found.quantity - self.wanted, (values, gradient, found))
 
-    def _descent(self, values, history) -> tuple[Float[Array, "K"], str]:
-        """Returns the values at which the goal is met at the saved times, or the best ones, and the word."""
-        root = jnp.sqrt(jnp.ones_like(values).at[jnp.array([0, -1])].set(0.5))  # of the weights of the knots
+    def _brought_within(self, here: Trial, history) -> tuple[Trial, str]:
+        """Returns the end of the search along values of equal quantity, to where |V_m| is within its bound."""
+        only_bound = Goal(as_float(self.wanted), as_float(inf), as_float((1 - MARGIN) * self.bound))
+        longest, best = _ALONG * max(float(jnp.max(jnp.abs(here.rest[0]))), 1.0), here
+        along = across = jnp.zeros_like(here.rest[0])
+        while True:
+            values, gradient, found = here.rest
+            if not abs(here.residual) <= self.scale:  # off the values of equal quantity, or broken down
+                longest = longest / 3
+                here = self._evaluated(best.rest[0] + capped(along, longest) + across, history)
+            elif self.is_met(found.quantity, found.max_V_m):
+                return here, "met"
+            else:
+                # The slope of the quantity over its scale, in the coordinates √w u.
+                slope = gradient / _root(values) * self.scale / (here.residual or 1e-300)
+                normal = slope / (slope @ slope)
+                along, best = jnp.zeros_like(values), here
+                if found.max_V_m > (1 - MARGIN) * self.bound:
+                    beside = self._evaluated(values, history, only_bound)
+                    if beside is None:
+                        return best, "evaluations used up"
+                    pull = beside.rest[1] / _root(values)
+                    pull = pull - (pull @ slope) * normal
+                    along = -2 * beside.cost * pull / (pull @ pull) / _root(values)
+                across = -here.residual / self.scale * normal / _root(values)
+                longest = 1.5 * longest
+                here = self._evaluated(values + capped(along, longest) + across, history)
+            if here is None:
+                return best, "evaluations used up"
+
+    def _descent(self, values, history) -> tuple[Trial, str]:
+        """Returns the place at which the quantity is the wanted one, or the best one, and the word."""
+        root = _root(values)
         here = self._evaluated(values, history)
         if here.cost == inf:
             wanted = f"values with which the run reaches its end, and not the status {here.rest[2].word}"
@@ -235,17 +275,22 @@ class _Search(NamedTuple):
         method = optax.scale_by_lbfgs()
         state = method.init(values)
         longest = _FIRST * max(float(jnp.max(jnp.abs(values))), 1.0)
-        while not self.is_met((found := here.rest[2]).quantity, found.max_V_m):
+        while not abs(here.residual) <= self.tolerance * self.scale:
             values, gradient, _ = here.rest
             direction, state = method.update(gradient / root, state, root * values)
             slope, direction = float(gradient @ (direction / root)), direction / root
             if not slope > 0:
-                return values, "no further descent"
+                return here, "no further descent"
             most = longest / float(jnp.max(jnp.abs(direction)))
             share = min(2 * here.cost / slope, most, 1.0 if len(history) > 1 else inf)
             step = step_along(here, slope, share, lambda s, u=values, d=direction: self._evaluated(u - s * d, history))
             if step is None:
-                return values, "evaluations used up" if len(history) == self.evaluations else "no further descent"
+                return here, "evaluations used up" if len(history) == self.evaluations else "no further descent"
             longest = 2 * longest * step[0] / most
             here = step[1]
-        return here.rest[0], "met"
+        return here, "met"
+
+
+def _root(values: Float[Array, "K"]) -> Float[Array, "K"]:
+    """Returns the square roots of the weights of the knots in the trapezoidal rule."""
+    return jnp.sqrt(jnp.ones_like(values).at[jnp.array([0, -1])].set(0.5))
