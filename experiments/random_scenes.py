@@ -1,6 +1,6 @@
 """Does a run know its own error?
 
-    python -m experiments.random_scenes            # a hundred scenes, about an hour on two busy cores
+    python -m experiments.random_scenes            # a hundred scenes, about an hour on two cores
     python -m experiments.random_scenes --seed 7   # another hundred
 
 Scenes are drawn at random: one vesicle or a pair, with reduced area, field strength, conductivities, conductance,
@@ -152,7 +152,8 @@ def draw(found) -> Figure:
     axes = figure.subplots()
     for word, marker in (("complete", "o"), ("inaccurate", "x")):
         cases = [case for case in found if case["word"] == word and np.isfinite(case["stated"])]
-        axes.loglog([c["true"] for c in cases], [c["stated"] for c in cases], marker, ms=3, lw=0, label=word)
+        if cases:
+            axes.loglog([c["true"] for c in cases], [c["stated"] for c in cases], marker, ms=3, lw=0, label=word)
     ends = np.array([1e-8, 1.0])
     axes.loglog(ends, ends, "k-", lw=0.6, label="stated = true")
     axes.loglog(ends, 0.1 * ends, "k:", lw=0.6, label="a tenth of the true error")
