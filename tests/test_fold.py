@@ -11,7 +11,7 @@ from jaxves.equation.state import Unknowns
 from jaxves.geometry import shapes
 from jaxves.inputs.scene_files import parse
 
-N, RATIO = 24, "fluid.viscosity_ratio"
+N, RATIO = 32, "fluid.viscosity_ratio"
 
 
 def scene(area=0.95, Ca=10.0, ratio=2.0, **more):
@@ -65,9 +65,9 @@ def test_the_derivatives_are_those_of_differences_and_of_the_units(found):
         high, low = (again(**{key: value + d}).value for d in (h, -h))
         np.testing.assert_allclose(slopes[name], (high - low) / (2 * h), rtol=5e-3, err_msg=name)
     by_shear = 10.0 * slopes["flow.capillary_number"]
-    # A change of size weighs the equations differently. They are more than the unknowns, and 24 nodes leave a residual.
-    np.testing.assert_allclose(slopes["vesicle.length"], 3 * by_shear, rtol=5e-3)
-    np.testing.assert_allclose(slopes["vesicle.bending"], -by_shear, rtol=1e-6)
+    # The discrete equations have these symmetries up to the modes that are filtered, which 32 nodes resolve to 1e-4.
+    np.testing.assert_allclose(slopes["vesicle.length"], 3 * by_shear, rtol=1e-4)
+    np.testing.assert_allclose(slopes["vesicle.bending"], -by_shear, rtol=1e-4)
     np.testing.assert_allclose([slopes["vesicle.angle"], slopes["vesicle.center[1]"]], 0.0, atol=1e-9)
     assert RATIO not in slopes
 

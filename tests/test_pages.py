@@ -1,5 +1,6 @@
 """The code blocks of the documentation: Python runs, scene and sweep files are valid, commands have these options."""
 
+import inspect
 import re
 import shlex
 import tomllib
@@ -12,6 +13,9 @@ import typer.main
 import jaxves
 from jaxves.cli import commands
 from jaxves.inputs import scene_files, sweep_files
+from jaxves.inputs.parameters import with_numbers
+from jaxves.inputs.uses import FIT
+from jaxves.runs.case import Case
 
 ROOT = Path(__file__).parent.parent
 WRITTEN = [
@@ -38,15 +42,32 @@ def blocks(language, pages):
 def folder(tmp_path_factory):
     """A folder with the files that pages speak of."""
     there = tmp_path_factory.mktemp("pages")
-    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     np.savetxt(there / "outline.csv", np.stack([1.3 * np.cos(angle), 0.8 * np.sin(angle)], axis=1), delimiter=",")
+    outline = np.loadtxt(there / "outline.csv", delimiter=",")
+    film = [(frame, *(200 + 100 * point)) for frame in range(12, 16) for point in outline]
+    np.savetxt(there / "film.csv", film, delimiter=",", header="frame,x,y", comments="")
+    (there / "scene.toml").write_text(scene_files.to_toml(scene_files.parse(POP | SMALL)), encoding="utf-8")
     jaxves.run(POP | SMALL, there / "pop.h5")
     return there
+
+
+def checked(fit):
+    """Takes the place of a fit, which takes minutes and has tests of its own, and checks its numbers and scene."""
+
+    def check(scene_file, bounds, frames, time_unit):
+        inspect.signature(fit).bind(scene_file, bounds, frames, time_unit)
+        scene = Case.of(scene_file, FIT).scene_file
+        assert with_numbers(scene, {name: low for name, (low, _) in bounds.items()})
+        assert len(frames.curves) and time_unit > 0
+
+    return check
 
 
 @pytest.mark.parametrize("block", blocks("python", (p for p in WRITTEN if p.name != "adding-a-number.md")))
 def test_python_runs(block, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
+    monkeypatch.setattr(jaxves, "fit_frames", checked(jaxves.fit_frames))
     exec(block, {})
     assert "nan" not in capsys.readouterr().out
 
