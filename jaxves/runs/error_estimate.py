@@ -8,11 +8,12 @@ run:
 - if the run makes n steps, the coarser one m, and the scheme has order p, its error in time is (n/m)^p times larger;
 - its error in space is larger at least by the ratio of the spectral tails, of x and V_m or of the tension.
 
-The difference between the two runs is therefore multiplied by the larger of 1/((n/m)^p - 1) and the ratio of the tails
-of the run to those of the coarser one, and at most by one. If stability and not the tolerance limits the steps, both
-runs make equally many. In this case a run with a thirtieth of the tolerance is used instead. If the coarser run breaks
-down, or the estimate is larger than `_POOR`, a finer run is made with one and a half times the nodes and a thirtieth of
-the tolerance. The difference from this run is then the estimate.
+The difference between the two runs at each compared time is therefore multiplied by the larger of 1/((n/m)^p - 1), with
+the steps up to that time, and the ratio of the tails of the run to those of the coarser one, and at most by one. At the
+start there is no error in time. If stability and not the tolerance limits the steps, both runs make equally many. In
+this case a run with a thirtieth of the tolerance is used instead. If the coarser run breaks down, or the estimate is
+larger than `_POOR`, a finer run is made with one and a half times the nodes and a thirtieth of the tolerance. The
+difference from this run is then the estimate.
 """
 
 import math
@@ -57,13 +58,20 @@ _FINER = _Second(1.5, 1 / 30, 1.0)
 class _Compared(NamedTuple):
     """A comparison of two runs.
 
-    `apart` is the largest difference of any node in position or potential. `steps` is n/m. `tails` are the spectral
-    tails of the first run divided by those of the second, the larger one of x and V_m and of the tension.
+    `apart` is the largest difference of any node in position or potential, and `steps` is n/m, at each compared time.
+    `tails` are the spectral tails of the first run divided by those of the second, the larger one of x and V_m and of
+    the tension.
     """
 
-    apart: float
-    steps: float
+    apart: np.ndarray
+    steps: np.ndarray
     tails: float
+
+    def estimate(self, order: int) -> float:
+        """Returns the estimated error of the first run, if the second is coarser, for a scheme of this order."""
+        gained = np.abs(self.steps**order - 1)
+        share = np.maximum(1 / np.maximum(gained, np.finfo(float).tiny), self.tails)
+        return float(np.max(self.apart * np.minimum(share, 1.0)))
 
 
 def estimated_error(
@@ -78,12 +86,12 @@ def estimated_error(
     order = resolution.first.march.stepper.order
     for second in _COARSER:
         found = _compared(resolution, second, rows, times, progress)
-        if found is not None and second.tells(found.steps):
-            estimate = found.apart * min(max(1 / abs(found.steps**order - 1), found.tails), 1.0)
+        if found is not None and second.tells(float(found.steps[-1])):
+            estimate = found.estimate(order)
             break
     if estimate > _POOR:
         found = _compared(resolution, _FINER, rows, times, progress)
-        estimate = estimate if found is None else found.apart
+        estimate = estimate if found is None else float(np.max(found.apart))
     return estimate
 
 
@@ -97,7 +105,7 @@ def _compared(
     """Makes the second run and compares it with the first; returns None if it breaks down."""
     progress(times[-1], f"estimating the error: compiling a run with {second.in_words()}")
     other, state = resolution.other(second.nodes, second.tolerance)
-    apart, ratio, tails = 0.0, 1.0, np.zeros((2, len(_TAILS)))
+    apart, ratios, tails = [], [], np.zeros((2, len(_TAILS)))
     last = len(times) - 1
     for i in instants(lambda i: int(rows(i).steps), last):
         row = rows(i)
@@ -106,12 +114,13 @@ def _compared(
         if not len(found.t) or code not in (status.RUNNING, status.STEADY):
             return None
         tails = np.maximum(tails, [[np.max(r.diagnostics[name]) for name in _TAILS] for r in (row, found)])
-        apart = max(apart, *_distances(row, found))
-        ratio = float(row.steps / max(int(state.steps), 1))
+        apart.append(max(_distances(row, found)))
+        ratios.append(int(row.steps) / max(int(state.steps), 1) if row.steps else math.inf)
         progress(times[-1], f"estimating the error: t = {times[i]:.3g} with {second.in_words()}")
-        if code == status.STEADY or (2 * i > last and not second.tells(ratio)):
+        if code == status.STEADY or (2 * i > last and not second.tells(ratios[-1])):
             break
-    return _Compared(apart, ratio, float(np.max(tails[0] / np.maximum(tails[1], np.finfo(float).tiny))))
+    found = np.array(apart), np.array(ratios)
+    return _Compared(*found, float(np.max(tails[0] / np.maximum(tails[1], np.finfo(float).tiny))))
 
 
 def instants(steps: Callable[[int], int], last: int) -> Iterator[int]:
