@@ -11,7 +11,7 @@ regular as Λ → ∞, where ½ + S' is singular.
 """
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ from ..base.bounds import FINITE, RATIO_OF_RELAXING
 from ..base.physical_numbers import BETA, CHARGE_RELAXATION, CHI, PER_VESICLE
 from ..geometry.curve import Curve, d_ds
 from ..numerics.arrays import NodePoints, Nodes, PerVesicle, Scalar, VesiclePoints, as_float, optional_float
-from .point_functions import PointFunction, at_points, require_without
+from .point_functions import OwnFunction, at_points, require_without
 from .waveform import AC, AbstractHistory
 
 _PER_VESICLE = tuple(number.per_vesicle for number in PER_VESICLE)
@@ -37,7 +37,7 @@ def inner_share(conductivity_ratio: Float[Array, "*batch"]) -> Float[Array, "*ba
     return jnp.where(small, below / (1 + below), 1 / (1 + inverse))
 
 
-class FieldFunction(eqx.Module):
+class FieldFunction(OwnFunction):
     """An imposed field of the user's own: a function E(x, t) in JAX of one point (2,), in units of the reference |E_∞|.
 
     `dc_field(E_inf=E)` makes it from a function. Arrays in a function that is an `equinox.Module` can be traced,
@@ -47,21 +47,10 @@ class FieldFunction(eqx.Module):
         ValueError: the function does not return two numbers, or has a divergence or a curl at one of a few points.
     """
 
-    arrays: Any
-    rest: Any = eqx.field(static=True)
-
-    def __init__(self, function: PointFunction):
-        self.arrays, self.rest = eqx.partition(function, eqx.is_array)
-
     def __check_init__(self):
         if is_known(self.arrays):
             harmonic = "the gradient of a harmonic potential, which has neither divergence nor curl"
             require_without("E_inf", self.function, "field", "E", divergence=harmonic, curl=harmonic)
-
-    @property
-    def function(self) -> PointFunction:
-        """The function E(x, t) of one point."""
-        return eqx.combine(self.arrays, self.rest)
 
 
 def component(vectors: VesiclePoints | NodePoints, E: Float[Array, "*batch 2"]) -> Float[Array, "*batch_out"]:

@@ -4,7 +4,7 @@ The strength of a flow is the capillary number Ca. A flow must be divergence-fre
 """
 
 import abc
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ from ..base.arguments import Bounded, is_known, refusal, require
 from ..base.bounds import FINITE
 from ..base.physical_numbers import CAPILLARY_NUMBER, HALF_WIDTH
 from ..numerics.arrays import Scalar, VesiclePoints, as_float
-from .point_functions import PointFunction, at_points, require_without
+from .point_functions import OwnFunction, at_points, require_without
 from .waveform import AbstractHistory
 
 
@@ -168,7 +168,7 @@ class Poiseuille(_OfStrength):
         return along + across
 
 
-class FlowFunction(AbstractFlow):
+class FlowFunction(OwnFunction, AbstractFlow):
     """A flow of your own: a function v(x, t) in JAX from one point (2,) and the time to the velocity (2,).
 
     `make_scene(flow=v)` makes it from a function. Arrays in a function that is an `equinox.Module` can be traced,
@@ -180,21 +180,10 @@ class FlowFunction(AbstractFlow):
 
     bounds: ClassVar = {}
 
-    arrays: Any
-    rest: Any = eqx.field(static=True)
-
-    def __init__(self, function: PointFunction):
-        self.arrays, self.rest = eqx.partition(function, eqx.is_array)
-
     def __check_init__(self):
         if is_known(self.arrays):
             incompressible = "a divergence-free flow, as the fluid is incompressible"
             require_without("flow", self.function, "velocity", "v", divergence=incompressible)
-
-    @property
-    def function(self) -> PointFunction:
-        """The function v(x, t) of one point."""
-        return eqx.combine(self.arrays, self.rest)
 
     def velocity(self, x, t):
         return at_points(self.function, x, t)

@@ -1,7 +1,9 @@
 """Functions of one point and the time that users write for imposed flows and fields: evaluation, and checks."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +15,21 @@ from ..numerics.arrays import ScalarLike
 PointFunction = Callable[[Array, Array], Array]
 
 _POINTS = ((0.3, 0.2), (-1.1, 0.7), (0.6, -1.3), (-0.4, -0.9))
+
+
+class OwnFunction(eqx.Module):
+    """A function of one point (2,) and the time as part of a scene, with its arrays apart from the rest of it."""
+
+    arrays: Any
+    rest: Any = eqx.field(static=True)
+
+    def __init__(self, function: PointFunction):
+        self.arrays, self.rest = eqx.partition(function, eqx.is_array)
+
+    @property
+    def function(self) -> PointFunction:
+        """The function of one point."""
+        return eqx.combine(self.arrays, self.rest)
 
 
 def at_points(function: PointFunction, x: Float[Array, "*batch 2"], t: ScalarLike) -> Float[Array, "*batch 2"]:
