@@ -1,0 +1,256 @@
+"""Is any run of any model silently wrong?
+
+    python -m experiments.stability_map             # the chosen scenes and 96 random ones, two hours on two busy cores
+    python -m experiments.stability_map --resume    # without the scenes whose results are stored
+
+Scenes of all models are run as by `jaxves run`: steady, alternating and pulsed fields, averaged fields, flows, two
+viscosities, relaxing charge, pairs and periodic cells. Some are chosen at the ends of the parameters. Others are drawn
+at random, with numbers over their whole ranges (`_all_models.py`). A second run has more nodes and 0.04 times the
+tolerance. The error is the largest distance of any node, in a, or difference of V_m, relative to its largest value
+where that exceeds 1, over all saved times. The verdicts are
+
+- right: the run is complete and its error is at most 1e-3;
+- as stated: the error is larger, and at most ten times what the run states, or the run itself ends as inaccurate;
+- stopped: the run ends with a status that says why. Then it is made again with twice the nodes, which is the cure if
+  this run is complete;
+- slow: the run takes more than four minutes of CPU time;
+- unchecked: the run is complete, and the second run is not;
+- wrong: everything else, as a larger error, a value that is not finite, or an exception.
+
+What to expect: nothing is wrong. At least 80 % of all scenes are right, and 90 % of those within the limits that the
+documentation states.
+"""
+
+import argparse
+import collections
+import json
+import signal
+import tempfile
+import time
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from jaxves.base import compiling, status
+from jaxves.base.resolution import AUTO_NODES
+from jaxves.inputs.scene_files import SceneFile, parse, to_toml
+from jaxves.plots import run_plots
+from jaxves.results import run_store
+from jaxves.runs.adapt_nodes import finer_rows
+from jaxves.runs.problem import with_nodes
+from jaxves.runs.programs import forget
+from jaxves.runs.runner import run as run_file
+from jaxves.runs.strength import stress
+
+from . import _all_models
+from ._chosen import CHOSEN
+from ._common import HERE, save, store, styled
+
+SEED = 5
+_RIGHT, _STATED = 1e-3, 10.0
+_LONGEST = 240  # seconds of CPU time, with compilation
+_FINER = 0.04  # tolerance of the second run
+_TOGETHER = 8
+QUICK = dict(names=("circle in a flow",), count=0)
+
+
+def _outcome(scene_file: SceneFile, path: Path) -> tuple[str, run_store.Record | None, float]:
+    """Runs a scene; returns the status word or the exception, the result and the seconds of CPU time."""
+    began = time.process_time()
+    signal.setitimer(signal.ITIMER_PROF, _LONGEST)  # ends the run like Ctrl-C
+    try:
+        word = run_file(scene_file, path, force=True)
+        found = word, run_store.read_result(path)
+    except KeyboardInterrupt:
+        found = "interrupted", None
+    except Exception as error:  # a scene that the parser accepts must not end in an exception
+        found = f"{type(error).__name__}: {error}", None
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+    return *found, time.process_time() - began
+
+
+def _with(scene_file: SceneFile, N: int, tolerance: float) -> SceneFile:
+    """Returns the scene with other numerical parameters, without an estimate of the error."""
+    numerics = scene_file.numerics.model_copy(
+        update={"tolerance": tolerance * scene_file.numerics.tolerance, "certify": False}
+    )
+    return with_nodes(scene_file.model_copy(update={"numerics": numerics}), N)
+
+
+def _next_size(N: float) -> int:
+    return next((K for K in AUTO_NODES if N <= K), AUTO_NODES[-1])
+
+
+def difference(record: run_store.Record, finer: run_store.Record, rows: int) -> float:
+    """Returns the largest difference of two results over the first rows that both have."""
+    rows, apart = min(rows, len(finer.t)), [0.0]
+    for name in ("x", "V_m"):
+        one, other = getattr(record, name), getattr(finer, name)
+        if one is not None and rows:
+            K = max(one.shape[2], other.shape[2])
+            one, other = (finer_rows(values[:rows], K) for values in (one, other))
+            scale = 1.0 if name == "x" else max(1.0, float(np.max(np.abs(other))))
+            apart.append(float(np.max(np.abs(one - other))) / scale)
+    return max(apart)
+
+
+def _is_finite(record: run_store.Record) -> bool:
+    arrays = [record.x, record.tension] + ([] if record.V_m is None else [record.V_m])
+    return all(bool(np.all(np.isfinite(array))) for array in arrays)
+
+
+def tried(case: tuple[str, SceneFile]) -> dict:
+    """Returns what became of one scene, with its name."""
+    name, scene_file = case
+    compiling.fast_start()
+    signal.signal(signal.SIGPROF, signal.default_int_handler)
+    found = {"name": name, "scene": to_toml(scene_file), "limits": exceeded(scene_file)}
+    with tempfile.TemporaryDirectory() as folder:
+        word, record, seconds = _outcome(scene_file, Path(folder) / "first.h5")
+        found |= {"word": word, "seconds": round(seconds, 1)}
+        if record is None:
+            return found | {"verdict": "slow" if word == "interrupted" else "wrong"}
+        found |= {"nodes": int(np.max(record.nodes, initial=0)), "steps": int(record.steps[-1]) if len(record.t) else 0}
+        stated = record.attributes.get("error")
+        found |= {"stated": None if stated is None else float(stated), "saved": len(record.t)}
+        if word == "interrupted":
+            return found | {"verdict": "slow"}
+        success = word in (*status.SUCCESS, "inaccurate")
+        N = found["nodes"] or (64 if scene_file.numerics.nodes == "auto" else scene_file.numerics.nodes)
+        second = _with(scene_file, _next_size(1.3 * N), _FINER) if success else _with(scene_file, 2 * N, 1.0)
+        finer_word, finer, seconds = _outcome(second, Path(folder) / "second.h5")
+    forget()
+    found |= {"finer": finer_word, "finer seconds": round(seconds, 1)}
+    # The last saved time of a run that was stopped is the one at which it was found wanting.
+    rows = len(record.t) if success else len(record.t) - 1
+    found["error"] = difference(record, finer, rows) if finer is not None and rows > 0 else None
+    return found | {"verdict": verdict(found, finer=finer, finite=_is_finite(record))}
+
+
+def verdict(found: dict, finer, finite: bool) -> str:
+    """Returns the verdict on one scene; `finer` is the result of the second run, or None."""
+    error, word = found["error"], found["word"]
+    if not finite:
+        return "stopped" if word == "not finite" else "wrong"
+    if word not in (*status.SUCCESS, "inaccurate"):
+        return "stopped"
+    if finer is None or found["finer"] not in (*status.SUCCESS, "inaccurate"):
+        return "unchecked"
+    if word == "inaccurate":
+        return "as stated"
+    if error <= _RIGHT:
+        return "right"
+    return "as stated" if found["stated"] is not None and error <= _STATED * found["stated"] else "wrong"
+
+
+def exceeded(scene_file: SceneFile) -> list[str]:
+    """Returns the limits of the documentation that a scene exceeds (docs/theory/limits.md)."""
+    found, fixed = [], scene_file.numerics.nodes != "auto"
+    vesicles = scene_file.vesicles()
+    field, strength = scene_file.field, stress(scene_file)
+    if fixed and strength > 1000:
+        without_field = scene_file.model_copy(update={"field": None})
+        conducting = field is not None and all(
+            (field.conductivity_ratio if v.conductivity_ratio is None else v.conductivity_ratio) >= 1 for v in vesicles
+        )
+        if not conducting or stress(without_field) > 1000:
+            found.append("wrinkles")
+    several = len(vesicles) > 1 or scene_file.cell is not None
+    if several and any(getattr(v, "reduced_area", 1.0) > 0.999 for v in vesicles):
+        found.append("circle among others")
+    return found
+
+
+def cases(names=None, count=0, seed=SEED) -> list[tuple[str, SceneFile]]:
+    """Returns chosen scenes by name, all by default, and `count` random ones."""
+    chosen = [(name, parse(CHOSEN[name])) for name in (CHOSEN if names is None else names)]
+    return chosen + [(f"{i} {_all_models.model_of(i).label()}", _all_models.drawn(seed, i)[0]) for i in range(count)]
+
+
+def run(names=None, count=96, seed=SEED, known=(), keep=lambda found: None) -> list[dict]:
+    """Returns what became of each scene. Those among `known` are not run again; `keep` stores results."""
+    stored = {case["scene"]: case for case in known}
+    wanted = cases(names, count, seed)
+    missing = [case for case in wanted if to_toml(case[1]) not in stored]
+    with get_context("spawn").Pool(1, maxtasksperchild=_TOGETHER) as processes:
+        for case in processes.imap(tried, missing):
+            stored[case["scene"]] = case
+            keep(list(stored.values()))
+            print(line(case), flush=True)
+    return [stored[to_toml(scene)] for _, scene in wanted]
+
+
+def line(case: dict) -> str:
+    """Returns one line of the printed table."""
+    numbers = [f"{key} {case[key]:.1e}" for key in ("error", "stated") if case.get(key) is not None]
+    parts = [f"{case['name']:34} {case['verdict']:9} {case['word']:14}", *numbers, f"finer {case.get('finer', '')}"]
+    parts += [f"{case.get('nodes', 0)} nodes {case.get('steps', 0)} steps {case['seconds']:.0f} s", *case["limits"]]
+    return " ".join(parts)
+
+
+def summary(found: list[dict]) -> dict:
+    """Returns the counts of verdicts: of all scenes, and of those within the stated limits."""
+    within = [case for case in found if not case["limits"]]
+    stopped = [case for case in found if case["verdict"] == "stopped"]
+    return {
+        "scenes": len(found),
+        "verdicts": dict(collections.Counter(case["verdict"] for case in found)),
+        "within the limits": len(within),
+        "verdicts within the limits": dict(collections.Counter(case["verdict"] for case in within)),
+        "stopped, by word": dict(collections.Counter(case["word"] for case in stopped)),
+        "cured by twice the nodes": sum(case["finer"] in status.SUCCESS for case in stopped),
+    }
+
+
+_COLORS = {"right": "#b7e1c0", "as stated": "#d8ecc0", "stopped": "#fbdc9c", "slow": "#e0d4f0", "unchecked": "#dddddd"}
+_WRONG = "#f2a3a3"
+
+
+@styled
+def draw(found: list[dict], columns=10) -> Figure:
+    """Draws a tile for each scene with its error or its status: one row for each model, and rows of chosen scenes."""
+    rows = collections.defaultdict(list)
+    for case in found:
+        number, _, label = case["name"].partition(" ")
+        rows[label if number.isdigit() else "chosen"].append(case)
+    tiles = [(label, cases[i : i + columns]) for label, cases in rows.items() for i in range(0, len(cases), columns)]
+    figure = Figure(figsize=(run_plots.PAGE, 0.19 * len(tiles) + 0.1))
+    axes = figure.subplots()
+    for y, (label, cases) in enumerate(tiles):
+        if y == 0 or tiles[y - 1][0] != label:
+            axes.text(-0.1, y + 0.5, label, fontsize=5.5, ha="right", va="center")
+        for x, case in enumerate(cases):
+            color = _COLORS.get(case["verdict"], _WRONG)
+            axes.add_patch(Rectangle((x + 0.02, y + 0.05), 0.96, 0.9, color=color, lw=0))
+            told = f"{case['error']:.0e}" if case["verdict"] in ("right", "as stated", "wrong") else case["word"]
+            axes.text(x + 0.5, y + 0.5, told, fontsize=4.5, ha="center", va="center")
+    axes.set(xlim=(-3.6, columns), ylim=(len(tiles), 0))
+    axes.set_axis_off()
+    return figure
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--count", type=int, default=96, help="number of random scenes")
+    parser.add_argument("--resume", action="store_true", help="keep the stored results of scenes that have not changed")
+    arguments = parser.parse_args()
+    path = HERE / "data" / "stability_map.json"
+    known = json.loads(path.read_text())["data"]["cases"] if arguments.resume else []
+
+    def keep(found):
+        store("stability_map", {"seed": arguments.seed, "summary": summary(found), "cases": found})
+
+    found = run(None, arguments.count, arguments.seed, known, keep)
+    keep(found)
+    for name, value in summary(found).items():
+        print(f"{name}: {value}")
+    save(draw(found), "stability_map")
+
+
+if __name__ == "__main__":
+    main()
