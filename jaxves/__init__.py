@@ -81,6 +81,7 @@ _PUBLIC = {
     "analysis.half_turns": ("OverHalfTurns",),
     "analysis.observations": ("Observations",),
     "analysis.sensitivity": ("AtEnd", "AtRest", "gradient", "hessian_product", "jacobian", "second_order"),
+    "analysis.stability": ("stability",),
     "analysis.steady": ("steady_shape",),
     "analysis.steering": ("Steering", "steer"),
 }

@@ -266,6 +266,11 @@ WRONG = {
     "a critical value near other nodes": (
         lambda: jaxves.critical_value(case(), "field.beta", near=jaxves.Unknowns.of(E[None, ::2])), "near.x = shape",
     ),
+    "rates of no disturbance": (lambda: jaxves.stability(SCENE, jaxves.Unknowns.of(E[None]), count=0), "count = 0"),
+    "stability in a flow that is curved": (
+        lambda: jaxves.stability(jaxves.make_scene(E, flow=jaxves.Poiseuille(1.0, 3.0)), jaxves.Unknowns.of(E[None])),
+        "scene = not symmetric about a point",
+    ),
     "a run of a name that is none": (lambda: jaxves.run("popp", "never.h5"), "popp"),
     "a run of nothing": (lambda: jaxves.run(None, "never.h5"), "scene_file"),
     "a sweep without a scene": (lambda: jaxves.sweep({"axes": {"field.beta": [1.0]}}, "never.h5"), "scene"),

@@ -1,6 +1,8 @@
 """Derivatives and their uses: steady shapes, sensitivities, fits, critical values.
 
 steady          steady shapes by Newton's method
+disturbances    small disturbances of a steady shape: linearised motion, what is kept, symmetries
+stability       growth rates of small disturbances of a steady shape, with derivatives
 sensitivity     first and second derivatives of diagnostics
 half_turns      averages over half-turns of a tumbling vesicle, with derivatives
 differences, gradcheck  comparison of derivatives with finite differences

@@ -6,13 +6,14 @@ Its shape is steady. With the mean velocity v̄ and the frame n, t, the shape an
     (v - v̄)·n = 0,        dV_m/dt - ((v - v̄)·t) ∂_s V_m = 0
 
 Further equations are the quantities that a run conserves: the area, the uniform metric (and with it the perimeter), and
-∮ V_m ds = 0. The centroid and the first node are kept at their positions in the start. There are more equations than
-unknowns, but they are consistent. The Gauss-Newton step with the pseudo-inverse then converges quadratically, and the
-implicit function theorem is
+∮ V_m ds = 0. The centroid and the first node are kept at their positions in the start, and so is the direction in a
+fluid at rest without a field. A circle, which cannot deform, has the equation of its outline instead of the first one.
+There are more equations than unknowns, but they are consistent. The Gauss-Newton step with the pseudo-inverse then
+converges quadratically, and the implicit function theorem is
 
     dy = -R_y⁺ R_p dp
 
-Directions that no equation fixes stay unchanged, such as the direction of a vesicle in a fluid at rest.
+Directions that no equation fixes stay unchanged.
 """
 
 import equinox as eqx
@@ -59,6 +60,9 @@ def residuals(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R
     normal, rates = rates_on_outline(motion, y)
     x, N = y.x[0], y.x.shape[1]
     slip = jnp.mean(jnp.sum((x - anchor.x) * anchor.tangent, axis=-1))
+    # A circle cannot deform: its normal velocity is zero for every x. It has the equation of its outline instead.
+    distance = jnp.linalg.norm(x - geometry.centroid(outline), axis=-1)
+    normal = jnp.where(equation.is_circle()[:, None], distance - equation.speed[:, None], normal)
     if equation.scene.viscosity_ratio is not None:
         # The velocities of all equations then have the same size for every ν.
         normal = 0.5 * (1 + equation.scene.viscosity_ratio)[:, None] * normal
@@ -70,6 +74,10 @@ def residuals(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R
         geometry.centroid(outline) - geometry.centroid(anchor),
         slip[None],
     ]
+    if equation.scene.flow is None and equation.scene.field is None:
+        # Nothing but this keeps the direction. Few nodes leave a small force that would turn the vesicle.
+        around = (anchor.x - geometry.centroid(anchor)) @ jnp.array([[0.0, 1.0], [-1.0, 0.0]])
+        parts.append(jnp.mean(jnp.sum((x - anchor.x) * around, axis=-1))[None])
     for name, scalar in y.scalars.items():
         parts += [
             fourier.low_pass(rates[name][0], filter.surface),
