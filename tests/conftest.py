@@ -86,7 +86,7 @@ class Stops:
         self.rows = rows
 
     def __call__(self, t, text):
-        self.rows -= t > 0
+        self.rows -= text.endswith("steps")
         if self.rows == 0:
             raise KeyboardInterrupt
 

@@ -97,8 +97,8 @@ def test_scalars_are_solved_after_the_shapes_which_may_drive_them():
     A = jnp.asarray(rng.normal(size=(M, 2 * N, 2 * N)))
     drive = jnp.asarray(rng.normal(size=(2, N, 2)))
 
-    def below(drive, surfaces, dx):
-        return {"charge": jnp.sum(drive[0] * dx, axis=-1), "V_m": jnp.sum(drive[1] * dx, axis=-1)}
+    def below(drive, surfaces, dx, c):
+        return {"charge": c * jnp.sum(drive[0] * dx, axis=-1), "V_m": c * jnp.sum(drive[1] * dx, axis=-1)}
 
     frozen = eqx.tree_at(
         lambda f: (f.A_scalars, f.below), frozen, (A, jax.tree_util.Partial(below, drive)), is_leaf=lambda f: f is None
@@ -111,8 +111,8 @@ def test_scalars_are_solved_after_the_shapes_which_may_drive_them():
     np.testing.assert_allclose(found.x, frozen_solve_x(frozen, c, r), atol=1e-12)
     for m in range(M):
         s = jnp.concatenate([found.scalars[name][m] for name in sorted(r.scalars)])
-        driven = below(drive, None, found.x)
-        wanted = jnp.concatenate([(r.scalars[name] + c * driven[name])[m] for name in sorted(r.scalars)])
+        driven = below(drive, None, found.x, c)
+        wanted = jnp.concatenate([(r.scalars[name] + driven[name])[m] for name in sorted(r.scalars)])
         np.testing.assert_allclose(s - c * A[m] @ s, wanted, atol=1e-10)
 
 

@@ -264,10 +264,10 @@ def test_a_run_whose_file_is_taken_away_keeps_its_rows_elsewhere_and_says_so(tmp
     monkeypatch.setattr(rows, "SECONDS_BETWEEN_WRITES", seconds)
     stepped = Resolution.stepped
 
-    def then_taken(self, state, t_save):
+    def then_taken(self, state, t_save, say):
         if t_save == 0.02:
             taken(path)
-        return stepped(self, state, t_save)
+        return stepped(self, state, t_save, say)
 
     with monkeypatch.context() as patch:
         patch.setattr(Resolution, "stepped", then_taken)

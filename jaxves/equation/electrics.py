@@ -82,11 +82,11 @@ class AbstractElectrics(eqx.Module):
         found: AbstractElectric,
         scalars: dict[str, VesicleNodes],
         factors: linear.AbstractFactored | None,
-    ) -> Callable[[Surfaces, VesiclePoints], dict[str, VesicleNodes]] | None:
-        """Returns the function from these surfaces and a displacement (M, N, 2) to the change of `rates`.
+    ) -> Callable[[Surfaces, VesiclePoints, Scalar], dict[str, VesicleNodes]] | None:
+        """Returns the function from these surfaces, a displacement (M, N, 2) and c to c times the change of `rates`.
 
-        The scalars are fixed. The function may leave out other membranes. None, which is the default, leaves this
-        dependence to explicit stages.
+        The scalars are fixed. The function may leave out other membranes, and everything if c is short. None, which is
+        the default, leaves this dependence to explicit stages.
         """
         return None
 

@@ -100,8 +100,8 @@ class Frozen(eqx.Module):
 
     `A_x` (M, 2N, 2N) is for the shapes, with one block per membrane. `A_all` (2MN, 2MN) replaces it while membranes are
     near. It is zero otherwise, and None if one matrix is never used. `A_scalars` (M, n, n) is for the scalars, in the
-    order of their names; None without scalars. `below` returns the rate of the scalars that a change (M, N, 2) of the
-    surfaces of `motion` causes at fixed scalars; None if it is treated explicitly.
+    order of their names; None without scalars. `below` returns c times the rate of the scalars that a change (M, N, 2)
+    of the surfaces of `motion` causes at fixed scalars; None if it is treated explicitly.
     """
 
     motion: Motion
@@ -109,7 +109,7 @@ class Frozen(eqx.Module):
     A_x: Float[Array, "M n n"]
     A_all: Float[Array, "Mn Mn"] | None
     A_scalars: Float[Array, "M k k"] | None
-    below: Callable[[Surfaces, VesiclePoints], dict[str, VesicleNodes]] | None = None
+    below: Callable[[Surfaces, VesiclePoints, Scalar], dict[str, VesicleNodes]] | None = None
 
     def implicit(self, c: Scalar) -> Implicit:
         """Factorises 1 - c A."""
@@ -119,9 +119,9 @@ class Frozen(eqx.Module):
 
         near = None if self.A_all is None else self.motion.surfaces.interactions.any_near()
         x = Shifted.of(shifted(self.A_x), self.A_all, c, near)
-        below = None if self.below is None else jax.tree_util.Partial(_scaled, self.below, self.motion.surfaces, c)
+        below = None if self.below is None else jax.tree_util.Partial(_with, self.below, self.motion.surfaces, c)
         return Implicit(x, None if self.A_scalars is None else shifted(self.A_scalars), below)
 
 
-def _scaled(function, surfaces: Surfaces, c: Scalar, x: VesiclePoints) -> dict[str, VesicleNodes]:
-    return jax.tree.map(lambda rate: c * rate, function(surfaces, x))
+def _with(function, surfaces: Surfaces, c: Scalar, x: VesiclePoints) -> dict[str, VesicleNodes]:
+    return function(surfaces, x, c)

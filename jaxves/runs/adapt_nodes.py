@@ -206,21 +206,21 @@ class Resolution:
         finer = jax.tree.map(lambda f: finer_rows(f, self.sizes[-1]), at_nodes)
         return row._replace(nodes=np.full((count, M), N), **finer)
 
-    def stepped(self, state: State, t_save: float) -> tuple[State, Row]:
+    def stepped(self, state: State, t_save: float, say: Callable[[str], None]) -> tuple[State, Row]:
         """Advances to the next saved time and adapts the number of nodes; returns the state and the row.
 
-        The row is empty if the run ended before.
+        The row is empty if the run ended before. `say` is told which number of nodes is compiled for.
         """
         N = state.y.x.shape[1]
         after, row = self.row(state, t_save)
         while self._wants_more(int(after.status), row, N):
             wanted = self.wanted(row) if len(row.t) else 0.0
             N = next((K for K in self.sizes if N < K and wanted <= K), self.sizes[-1])
-            state = self._moved(state, N)
+            state = self._moved(state, N, say)
             after, row = self.row(state, t_save)
         fewer = max((K for K in self.sizes if K < N), default=None)
         if fewer is not None and int(after.status) == status.RUNNING and self._is_enough(row, fewer):
-            after = self._moved(after, fewer)
+            after = self._moved(after, fewer, say)
         return after, self.stored(row)
 
     def _wants_more(self, code: int, row: Row, N: int) -> bool:
@@ -241,7 +241,9 @@ class Resolution:
         """Returns the number of nodes that the compression of the membranes in a row asks for."""
         return nodes_for_wrinkles(row, np.asarray(self.first.equation.scene.bending))
 
-    def _moved(self, state: State, N: int) -> State:
+    def _moved(self, state: State, N: int, say: Callable[[str], None] = lambda text: None) -> State:
+        if N not in self._problems:
+            say(f"compiling with {N} nodes")
         y = strengthened(compiled(_settled)(self.problem(N).equation, state.y))
         return eqx.tree_at(lambda s: s.y, state, y)
 

@@ -18,6 +18,7 @@ difference from this run is then the estimate.
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -109,7 +110,7 @@ def _compared(
     last = len(times) - 1
     for i in instants(lambda i: int(rows(i).steps), last):
         row = rows(i)
-        state, found = other.stepped(state, times[i])
+        state, found = other.stepped(state, times[i], partial(progress, times[i]))
         code = int(state.status)
         if not len(found.t) or code not in (status.RUNNING, status.STEADY):
             return None

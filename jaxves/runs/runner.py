@@ -6,6 +6,7 @@ agrees bit for bit with an uninterrupted one (on the same machine with the same 
 """
 
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -117,7 +118,7 @@ def _marched(scene_file: SceneFile, begun: Begun, progress: Progress) -> int:
         for t_save in saved_times(scene_file)[rows.writer.saved :]:
             if found != status.RUNNING:
                 break
-            state, row = resolution.stepped(state, t_save)
+            state, row = resolution.stepped(state, t_save, partial(progress, float(state.t)))
             rows.add(row, state)
             found = code()
             progress(float(state.t), f"{int(state.steps)} steps")

@@ -1,5 +1,6 @@
 """Time stepping.
 
+split_equation  what a scheme needs of an equation
 schemes     additive Runge-Kutta schemes: one step
 controller  step-size control: a PI controller
 state       the state between two steps, averages, and recorded steps

@@ -1,8 +1,6 @@
 r"""One time step of y' = F(t, y) that is implicit in a linear part A, frozen during the step, and explicit in F - A.
 
-An equation has the methods `freeze(t, y)`, which returns F and A together ("frozen"), `rate(t, y)` for F alone, and
-`rate_of(frozen, t)` for the F in `frozen`. The frozen part has `implicit(c)`, which factorises 1 - c A. An equation
-that `is_staged` has unknowns that are wholly implicit, and solves for them in `stage`. The schemes use nothing else.
+`split_equation` says what the schemes need of an equation.
 
 [KC3] C. A. Kennedy, M. H. Carpenter, Additive Runge-Kutta schemes for convection-diffusion-reaction
       equations, Appl. Numer. Math. 44 (2003) 139-181: ARK4(3)6L[2]SA.
@@ -20,6 +18,7 @@ from jaxtyping import Array, PyTree
 
 from ..base.arguments import refusal
 from ..numerics.arrays import Scalar
+from .split_equation import LinearPart, SplitEquation
 
 
 class Step(eqx.Module):
@@ -36,7 +35,7 @@ class AbstractStepper(eqx.Module):
     has_error: eqx.AbstractClassVar[bool]
 
     @abc.abstractmethod
-    def step(self, equation, frozen, t: Scalar, y: PyTree[Array], h: Scalar) -> Step:
+    def step(self, equation: SplitEquation, frozen: LinearPart, t: Scalar, y: PyTree[Array], h: Scalar) -> Step:
         """Makes a step from (t, y) to t + h; `frozen` is `equation.freeze(t, y)`."""
 
 
