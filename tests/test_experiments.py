@@ -195,13 +195,15 @@ def test_fast_sums_have_the_error_that_is_asked_for():
 
 @pytest.mark.slow
 def test_scale_steps_a_suspension_in_a_process_of_its_own():
-    found = scale.run(**scale.QUICK)
-    (row,) = found["rows"]
+    (row,) = scale.run(**scale.QUICK)
     assert row["finite"]
-    assert row["residual"] < 1e-11
+    assert row["residual"] < 1e-5  # a tenth of the tolerance
     assert row["peak"] > row["planned"] > 0
-    shared = found["on two devices"]
-    assert (row["devices"], shared["devices"]) == (1, 2)
-    assert shared["iterations"] == row["iterations"]
+    assert row["parts"]["F"] > row["parts"]["sum of forces"] > 0
+    scale.draw([row])
+
+
+@pytest.mark.slow
+def test_a_close_pair_costs_more_than_a_vesicle():
+    found = scale.run_few(**scale.QUICK_FEW)
     assert found["pairs"]["near pair"] > found["pairs"]["single"]
-    scale.draw(found)

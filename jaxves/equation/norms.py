@@ -49,9 +49,9 @@ def displacement(y: Unknowns, other: Unknowns) -> Scalar:
     return _largest((y.x - other.x,))
 
 
-def solve_status(frozen: Frozen) -> Status:
+def solve_status(equation: Equation, frozen: Frozen) -> Status:
     """Returns RUNNING, or SOLVE_FAILED or CROWDED if the linear solves at this state failed."""
-    return verdict(frozen.motion.residual)
+    return verdict(frozen.motion.residual, equation.coupling)
 
 
 def step_status(
@@ -63,7 +63,7 @@ def step_status(
     the least number of nodes for a wave of the fastest growing wrinkle. If it is None, the wrinkle must only be a mode
     that the nodes keep.
     """
-    code = verdict(frozen.motion.residual)
+    code = verdict(frozen.motion.residual, equation.coupling)
     unresolved = _is_rough(equation, frozen.motion, y, rough, nodes_per_wave)
     code = jnp.where((code == status.RUNNING) & unresolved, status.UNRESOLVED, code)
     # If interactions are crowded, the step is NaN. The status is then CROWDED.

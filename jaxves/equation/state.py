@@ -7,8 +7,11 @@ from jaxtyping import Array
 
 from ..base import status
 from ..numerics.arrays import Scalar, Status, VesicleNodes, VesiclePoints
+from ..operators.interactions import AbstractCoupling
 from ..operators.surfaces import Surfaces
 from .electrics import AbstractElectric
+
+_LARGEST = 1e-6  # residual of a solution that is accepted in any case
 
 
 class Unknowns(eqx.Module):
@@ -55,7 +58,8 @@ class Motion(eqx.Module):
     iterations: Array
 
 
-def verdict(residual: Scalar) -> Status:
-    """Returns RUNNING, or the status for a residual that is too large or infinite."""
-    code = jnp.where(residual < 1e-6, status.RUNNING, status.SOLVE_FAILED)
+def verdict(residual: Scalar, coupling: AbstractCoupling | None) -> Status:
+    """Returns RUNNING, or the status for a residual that is infinite, or ten times larger than `coupling` asks for."""
+    limit = _LARGEST if coupling is None else max(_LARGEST, 10 * coupling.tolerance())
+    code = jnp.where(residual < limit, status.RUNNING, status.SOLVE_FAILED)
     return jnp.where(jnp.isposinf(residual), status.CROWDED, code)

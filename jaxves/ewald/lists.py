@@ -2,7 +2,8 @@
 
 For every vesicle, the others are found whose circumscribed circles are within reach, and among their clusters those
 within reach of each of its own clusters. Pairs that are computed otherwise, such as a vesicle with itself, are left
-out. The lists have fixed lengths. `overflow` says that they were too short, so that the sums would be wrong.
+out. The pairs of clusters of all vesicles are one list, because few have as many as there may be. It has a fixed
+length. `overflow` says that it was too short, so that the sums would be wrong.
 """
 
 import equinox as eqx
@@ -30,11 +31,15 @@ class Excluded(eqx.Module):
 
 
 class Lists(eqx.Module):
-    """For each of C target clusters, the source clusters within reach, and their displacements in a cell."""
+    """The pairs of a target cluster and an image of a source cluster within reach; `image` is None in the plane.
 
-    source: Int[Array, "C room"]
-    image: Int[Array, "C room 2"] | None
-    valid: Bool[Array, "C room"]
+    The valid pairs come first, ordered by their targets.
+    """
+
+    target: Int[Array, "T"]
+    source: Int[Array, "T"]
+    image: Int[Array, "T 2"] | None
+    valid: Bool[Array, "T"]
     overflow: Bool[Array, ""]
 
     @classmethod
@@ -64,15 +69,11 @@ class Lists(eqx.Module):
             found = source[row] * per + cluster, image[row], valid_clusters
             return *found, (count > plan.vesicles) | jnp.any(counts > plan.room)
 
-        source, image, valid, overflow = lax.map(of_vesicle, jnp.arange(M))
-        flat = source.reshape(M * per, -1)
-        too_long = jnp.any(overflow) | _reaches_farther(vesicles, domain, plan.images, r_c)
-        return cls(
-            flat,
-            None if lattice is None else image.reshape(*flat.shape, 2),
-            valid.reshape(flat.shape),
-            too_long,
-        )
+        *found, valid, overflow = lax.map(of_vesicle, jnp.arange(M))
+        pair, kept, count = packed(valid, plan.pairs(M * per))
+        source, image = (leaf.reshape(M * per * plan.room, -1)[pair] for leaf in found)
+        overflow = jnp.any(overflow) | (count > pair.size) | _reaches_farther(vesicles, domain, plan.images, r_c)
+        return cls(pair // plan.room, source[:, 0], None if lattice is None else image, kept, overflow)
 
 
 def circles(x: Float[Array, "*groups n 2"]) -> tuple[Float[Array, "*groups 2"], Float[Array, "*groups"]]:

@@ -33,14 +33,17 @@ ACCURACIES = (
 _REACH = 0.7  # r_c over the mean distance of neighbours, at which lists and transforms take about equally long
 _REACH_IN_CELL = 0.5  # the same in a cell, where nothing around it has to be transformed
 _CLUSTER = 8  # consecutive nodes
+CHUNK = 32  # pairs of clusters that are computed at once
+_VARIATION = 16  # clusters that may have all their room used
 
 
 class Plan(NamedTuple):
     """The sizes of one fast sum.
 
     `grid` are the grid points along both axes, `patch` those that a cluster reaches, `cluster` its nodes. A target
-    vesicle has up to `vesicles` others within reach, a target cluster up to `room` other clusters. `images` are the
-    images of a vesicle on each side that may be within reach, in a periodic cell.
+    vesicle has up to `vesicles` others within reach, a target cluster up to `room` other clusters, and `average` of
+    them on average (None: `room`). `images` are the images of a vesicle on each side that may be within reach, in a
+    periodic cell.
     """
 
     accuracy: Accuracy
@@ -50,6 +53,14 @@ class Plan(NamedTuple):
     vesicles: int
     room: int
     images: int = 0
+    average: int | None = None
+
+    def pairs(self, clusters: int) -> int:
+        """Returns the length of the list of all pairs of clusters, a multiple of `CHUNK`."""
+        most = clusters * self.room
+        if self.average is not None:  # numbers vary more if there are few
+            most = min(most, clusters * self.average + _VARIATION * self.room)
+        return -(-most // CHUNK) * CHUNK
 
 
 def accuracy_for(tolerance: float) -> Accuracy:
@@ -67,7 +78,10 @@ def plan_for(M: int, N: int, tolerance: float) -> Plan:
     cells = 2 * accuracy.shape / math.pi * side / _REACH
     n = fast_size(math.ceil(cells) + accuracy.width + 3)
     cluster = math.gcd(N, _CLUSTER)
-    return Plan(accuracy, (n, n), patch_for(n / side, N, cluster, accuracy), cluster, *_capacities(M, N, cluster))
+    vesicles = min(M - 1, 24)
+    room = min(vesicles * N // cluster, 4 * N // cluster + 8)
+    patch = patch_for(n / side, N, cluster, accuracy)
+    return Plan(accuracy, (n, n), patch, cluster, vesicles, room, average=2 * N // cluster + 8)
 
 
 def plan_in_cell(M: int, N: int, tolerance: float, aspect: float) -> Plan:
@@ -85,17 +99,12 @@ def plan_in_cell(M: int, N: int, tolerance: float, aspect: float) -> Plan:
     patch = patch_for(1.2 * max(grid) / side, N, cluster, accuracy)
     vesicles = min(9 * M - 1, 24)
     room = min(vesicles * N // cluster, 5 * N // cluster + 8)
-    return Plan(accuracy, grid, patch, cluster, vesicles, room, 1)
+    return Plan(accuracy, grid, patch, cluster, vesicles, room, 1, N // cluster + 8)
 
 
 def patch_for(cells: float, N: int, cluster: int, accuracy: Accuracy) -> int:
     """Returns the size of a patch, where a vesicle has `cells` grid cells to itself along each axis."""
     return math.ceil(0.9 * cells * min(1.0, 3.5 * cluster / N)) + accuracy.width + 2
-
-
-def _capacities(M: int, N: int, cluster: int) -> tuple[int, int]:
-    vesicles = min(M - 1, 24)
-    return vesicles, min(vesicles * N // cluster, 4 * N // cluster + 8)
 
 
 def fast_size(n: int) -> int:

@@ -14,7 +14,6 @@ The matrices of the local part are kept, because several sums share one geometry
 from collections.abc import Callable
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -22,18 +21,19 @@ from jaxtyping import Array, Bool, Float
 
 from ..geometry.domain import AbstractDomain, Cell
 from ..numerics.arrays import Scalar, VesicleNodes, VesiclePoints
+from ..numerics.valid_rows import over_valid
 from . import multipliers, splitting
 from .lists import Excluded, Lists
 from .mesh import Windows, as_clusters
 from .multipliers import Multipliers
-from .plans import Plan
+from .plans import CHUNK, Plan
 
 
 class EwaldSums(eqx.Module):
     """Everything that sums over the same nodes share; build it with `EwaldSums.of`.
 
     `scale` is the grid spacing in the plane, and None in a cell, where the multipliers contain it. `local` are A and B
-    (`splitting`) of the pairs in the lists, whose sources are at `sources`.
+    (`splitting`) of the pairs in the lists, whose sources are displaced by `shift` in a cell.
     """
 
     x: VesiclePoints
@@ -41,7 +41,7 @@ class EwaldSums(eqx.Module):
     r_c: Scalar
     scale: Scalar | None
     lists: Lists
-    sources: Float[Array, "C 2 s"]
+    shift: Float[Array, "T 2"] | None
     local: splitting.Kernel
     windows: Windows
     multipliers: Multipliers
@@ -61,23 +61,16 @@ class EwaldSums(eqx.Module):
             r_c = (2 * plan.accuracy.shape / np.pi) * scale
             spectral = multipliers.free(plan)
         lists = Lists.of(x, r_c, plan, domain, excluded)
-        clusters = as_clusters(x, plan.cluster)
-        sources = clusters[lists.source]
-        if lists.image is not None:
-            sources = sources + (lists.image @ domain.lattice)[:, :, None]
-        sources = jnp.swapaxes(sources.reshape(sources.shape[0], -1, 2), 1, 2)
+        shift = None if lists.image is None else lists.image @ domain.lattice
 
-        @jax.checkpoint
-        def matrices(row):
-            targets, sources, valid = row
-            rx, ry = _separations(targets, sources)
-            valid = jnp.repeat(valid, plan.cluster)
-            return tuple(jnp.where(valid, part, 0.0) for part in splitting.local(rx**2 + ry**2, r_c, plan.accuracy))
+        def matrices(rx, ry, source, valid, r_c):
+            valid = jnp.repeat(valid, plan.cluster)[:, None]
+            return [jnp.where(valid, part, 0.0) for part in splitting.local(rx**2 + ry**2, r_c, plan.accuracy)]
 
         windows = Windows.of(as_clusters(z, plan.cluster), plan.grid, plan.patch, plan.accuracy.width)
-        # One cluster after the other: XLA vectorises two axes of pairs on CPUs, and not three.
-        local = lax.map(matrices, (clusters, sources, lists.valid))
-        return cls(x, weights, r_c, scale, lists, sources, local, windows, spectral, plan)
+        A, B = _over_pairs(matrices, x, lists, shift, plan, lists.valid, r_c)
+        local = tuple(part.reshape(-1, plan.cluster, plan.cluster) for part in (A, B))
+        return cls(x, weights, r_c, scale, lists, shift, local, windows, spectral, plan)
 
     @property
     def overflow(self) -> Bool[Array, ""]:
@@ -145,18 +138,36 @@ class EwaldSums(eqx.Module):
 
     def _locally(self, kernel: Callable, density: Float[Array, "C n k"]) -> Float[Array, "C n out"]:
         """Returns the local sums of `kernel(A, B, rx, ry, *components)` for every target cluster."""
+        n = self.plan.cluster
 
-        def of_cluster(row):
-            targets, sources, source, A, B = row
-            components = density[source].reshape(-1, density.shape[-1]).T
-            return jnp.stack(kernel(A, B, *_separations(targets, sources), *components), axis=-1)
+        def of_pairs(rx, ry, source, local, density):
+            A, B = (part.reshape(-1, n) for part in local)
+            components = jnp.moveaxis(jnp.repeat(density[source], n, axis=0), -1, 0)
+            return jnp.stack(kernel(A, B, rx, ry, *components), axis=-1)
 
-        clusters = as_clusters(self.x, self.plan.cluster)
-        return lax.map(of_cluster, (clusters, self.sources, self.lists.source, *self.local))
+        values = _over_pairs(of_pairs, self.x, self.lists, self.shift, self.plan, self.local, density)
+        values = values.reshape(self.lists.target.size, n, -1)
+        return jnp.zeros((*density.shape[:2], values.shape[-1])).at[self.lists.target].add(values)
 
 
-def _separations(targets: Float[Array, "n 2"], sources: Float[Array, "2 s"]) -> list[Float[Array, "n s"]]:
-    return [targets[:, k, None] - sources[k] for k in (0, 1)]
+def _over_pairs(function: Callable, x: VesiclePoints, lists: Lists, shift, plan: Plan, rows=None, shared=None):
+    """Returns `function(rx, ry, source, rows, shared)` for every chunk of the list; zeros without a valid pair.
+
+    The separations have a row for each target node of all pairs in the chunk, and a column for each source node. XLA
+    vectorises two axes of pairs on CPUs, and not three.
+    """
+
+    def of_chunk(part, common):
+        (target, source, shift, rows), (clusters, shared) = part, common
+        targets, sources = clusters[target], clusters[source]
+        if shift is not None:
+            sources = sources + shift[:, None]
+        targets, sources = targets.reshape(-1, 2), jnp.repeat(sources, plan.cluster, axis=0)
+        rx, ry = (targets[:, k, None] - sources[..., k] for k in (0, 1))
+        return function(rx, ry, source, rows, shared)
+
+    pairs = lists.target, lists.source, shift, rows
+    return over_valid(of_chunk, lists.valid, pairs, (as_clusters(x, plan.cluster), shared), CHUNK)
 
 
 def _on_grid(x: VesiclePoints, plan: Plan) -> tuple[VesiclePoints, Scalar]:

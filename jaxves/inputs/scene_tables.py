@@ -188,8 +188,8 @@ class NumericsTable(Table):
     `method = "auto"` is "ark4". For a tolerance below 3e-6, or below 3e-5 with several vesicles, it is "ark5".
 
     `solver = "dense"` factorises the systems that couple all membranes. "matrix-free" forms a matrix of two membranes
-    only if they are close. "auto" chooses by size. `neighbours` is the room of the matrix-free solver for close pairs,
-    per vesicle on average; "crowded" if more is needed. Fast sums are accurate to 0.01 `tolerance`, 1e-12 to 1e-6.
+    only if they are close. "auto" chooses by size. `neighbours` is its room for close pairs, per vesicle on average;
+    "crowded" if more is needed. Fast sums are accurate to 0.01 `tolerance`, 1e-12 to 1e-6, and their systems to 0.1.
 
     `certify` makes a second run with other nodes and other steps (`runs/error_estimate.py`) to estimate the error of
     the whole run. That takes about a third of the time of the run, and several times as long where the run is poorly

@@ -49,7 +49,7 @@ class Checks(eqx.Module):
         area = jnp.max(jnp.abs(row.diagnostics["area"] / equation.area - 1))
         length = jnp.max(jnp.abs(row.diagnostics["length"] / (2 * np.pi * equation.speed) - 1))
         code = jnp.where(jnp.maximum(area, length) > self.drift, status.DRIFT, code)
-        solved = verdict(row.diagnostics["residual"])
+        solved = verdict(row.diagnostics["residual"], equation.coupling)
         code = jnp.where(solved == status.RUNNING, code, solved)
         crossed = jnp.any(jax.vmap(lambda x: crosses_itself(Curve.from_nodes(x)))(y.x))
         code = jnp.where(crossed, status.SELF_CONTACT, code)

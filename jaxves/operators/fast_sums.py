@@ -8,6 +8,7 @@ In the plane, vesicles can be spread so unevenly that lists of fixed length are 
 directly, which takes longer and is right. In a periodic cell the result is wrong then, and `crowded` says so.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -15,7 +16,6 @@ from jaxtyping import Array, Bool, Float
 
 from ..ewald.lists import Excluded
 from ..ewald.plans import Plan
-from ..ewald.splitting import Kernel
 from ..ewald.sums import EwaldSums
 from ..geometry.curve import Curve
 from ..geometry.domain import AbstractDomain, Cell
@@ -30,21 +30,33 @@ from .pairs import close_matrices, times
 
 
 class FastSummation(AbstractInteractions):
-    """Fast sums, the smooth part `own` of each membrane on itself, and matrices for near pairs less the smooth part."""
+    """Fast sums, the smooth part of each membrane on itself, and matrices for near pairs less the smooth part."""
 
     curves: Curve
     sums: EwaldSums
-    own: Kernel
+    own: StokesBlocks
+    own_gradient: Float[Array, "M 2 N N"] | None
     near: NearPairs
     velocity: StokesBlocks
     gradient: Float[Array, "K 2 N N"] | None
     cell: Cell | None
+    solved: float = eqx.field(static=True)
 
     @classmethod
     def of(
-        cls, curves: Curve, near: NearPairs, plan: Plan, domain: AbstractDomain, *, electric: bool
+        cls,
+        curves: Curve,
+        near: NearPairs,
+        plan: Plan,
+        domain: AbstractDomain,
+        *,
+        electric: bool,
+        solved: float = SOLVED,
     ) -> "FastSummation":
-        """Builds the interactions of the M membranes in `curves`, of which `near` are the near pairs."""
+        """Builds the interactions of the M membranes in `curves`, of which `near` are the near pairs.
+
+        Coupled systems are solved to the relative residual `solved`.
+        """
         excluded = Excluded(near.target, near.source, near.image, near.valid)
         sums = EwaldSums.of(curves.x, curves.weights, plan, domain, excluded)
 
@@ -61,8 +73,9 @@ class FastSummation(AbstractInteractions):
             return lax.cond(valid, close, lambda: nothing)
 
         velocity, gradient = lax.map(of_pair, (near.target, near.valid, jnp.arange(near.valid.shape[0])))
-        own = jax.vmap(lambda x: sums.smooth(_squares(x, x)))(curves.x)
-        return cls(curves, sums, own, near, velocity, gradient, domain if isinstance(domain, Cell) else None)
+        own = jax.vmap(lambda curve: _blocks(sums, curve.x, curve, electric))(curves)
+        cell = domain if isinstance(domain, Cell) else None
+        return cls(curves, sums, *own, near, velocity, gradient, cell, solved)
 
     @property
     def crowded(self) -> Bool[Array, ""]:
@@ -75,7 +88,7 @@ class FastSummation(AbstractInteractions):
         return jnp.sum(weights * self.curves.normal, axis=(0, 1)) / self.cell.area()
 
     def tolerance(self) -> float:
-        return max(SOLVED, 0.1 * self.sums.plan.accuracy.tolerance)
+        return self.solved
 
     def any_near(self) -> Bool[Array, ""]:
         return jnp.any(self.near.valid)
@@ -84,7 +97,7 @@ class FastSummation(AbstractInteractions):
         near = self.near.summed(jax.vmap(StokesBlocks.__matmul__), self.velocity, f)
 
         def fast(f):
-            return self.sums.stokes(f) - self._own(f)
+            return self.sums.stokes(f) - jax.vmap(StokesBlocks.__matmul__)(self.own, f)
 
         def direct(f):
             others = self._smooth_of_near(lambda blocks, f: blocks[0] @ f, f)
@@ -96,7 +109,7 @@ class FastSummation(AbstractInteractions):
         near = self.near.summed(times, self.gradient, q)
 
         def fast(q):
-            return self.sums.slp_gradient(q) - self._own_gradient(q)
+            return self.sums.slp_gradient(q) - times(self.own_gradient, q)
 
         def direct(q):
             others = self._smooth_of_near(lambda blocks, q: jnp.einsum("aij,j->ia", blocks[1], q), q)
@@ -108,25 +121,6 @@ class FastSummation(AbstractInteractions):
         if self.cell is not None:
             return fast(density)
         return lax.cond(greatest(jnp.int32(self.sums.overflow)) > 0, direct, fast, density)
-
-    def _own(self, f: VesiclePoints) -> VesiclePoints:
-        """Returns the smooth part of each membrane on itself."""
-
-        def of_one(x, weights, A, B, f):
-            rx, ry = _separations(x, x)
-            fx, fy = (f * weights[:, None]).T
-            along = B * (rx * fx + ry * fy)
-            rows = jnp.sum(A * fx + rx * along, axis=1), jnp.sum(A * fy + ry * along, axis=1)
-            return jnp.stack(rows, axis=-1)
-
-        return lax.map(lambda row: of_one(*row), (self.curves.x, self.curves.weights, *self.own, f))
-
-    def _own_gradient(self, q: VesicleNodes) -> VesiclePoints:
-        def of_one(x, weights, B, q):
-            along = -2 * B * (q * weights)
-            return jnp.stack([jnp.sum(r * along, axis=1) for r in _separations(x, x)], axis=-1)
-
-        return lax.map(lambda row: of_one(*row), (self.curves.x, self.curves.weights, self.own[1], q))
 
     def _smooth_of_near(self, apply, density) -> VesiclePoints:
         """Returns the smooth part of the near pairs in the plane, which `fast` has in the sums."""
@@ -146,11 +140,6 @@ class FastSummation(AbstractInteractions):
 
 def _separations(x: Float[Array, "P 2"], y: Float[Array, "N 2"]) -> list[Float[Array, "P N"]]:
     return [x[:, None, k] - y[:, k] for k in (0, 1)]
-
-
-def _squares(x: Float[Array, "P 2"], y: Float[Array, "N 2"]) -> Float[Array, "P N"]:
-    rx, ry = _separations(x, y)
-    return rx**2 + ry**2
 
 
 def _blocks(sums: EwaldSums, x: Float[Array, "P 2"], source: Curve, electric: bool):

@@ -100,6 +100,10 @@ class AbstractCoupling(eqx.Module):
     direct: eqx.AbstractVar[bool]
     together: eqx.AbstractVar[bool]
 
+    def tolerance(self) -> float:
+        """Returns the relative residual to which systems that couple all membranes are solved."""
+        return SOLVED
+
     @abc.abstractmethod
     def room(self, M: int) -> int:
         """Returns for how many near sources per target, on average, lists of near pairs of M membranes have room."""

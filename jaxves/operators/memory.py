@@ -33,7 +33,7 @@ def _of_sums(M: int, N: int, accuracy: float, domain: AbstractDomain) -> int:
     in_cell = isinstance(domain, Cell)
     plan: Plan = plan_in_cell(M, N, accuracy, domain.aspect) if in_cell else plan_for(M, N, accuracy)
     points = plan.grid[0] * plan.grid[1] * (1 if in_cell else 4)
-    local = M * N * plan.room * plan.cluster * 2
+    local = 2 * plan.pairs(M * N // plan.cluster) * plan.cluster**2
     windows = 2 * M * N * plan.patch
-    own = 2 * M * N**2
+    own = 5 * M * N**2
     return local + windows + own + 8 * points

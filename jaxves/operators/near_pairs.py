@@ -5,6 +5,7 @@ nodes then decides. The pairs are stored in a list of fixed length, because comp
 says that there were too few candidates or that the list was too short.
 """
 
+import math
 from collections.abc import Callable
 
 import equinox as eqx
@@ -16,11 +17,11 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from ..ewald.lists import circles, images_near, packed
 from ..geometry.curve import Curve
 from ..geometry.domain import AbstractDomain, Cell
-from ..numerics.batching import greatest
+from ..numerics.valid_rows import over_valid
 from .interactions import is_near_curve
 
 _CANDIDATES = 3  # candidates per stored pair; circles of slender vesicles overlap more often than the vesicles
-_PARTS = (8, 4, 2, 1)  # sums over pairs take an eighth, a quarter or a half of the list if all valid pairs are in it
+_CHUNK = 16  # pairs that are multiplied at once
 
 
 class NearPairs(eqx.Module):
@@ -84,23 +85,17 @@ class NearPairs(eqx.Module):
     ) -> Float[Array, "M N 2"]:
         """Returns, at each target, the sum of `product(matrices, density)` over the near pairs.
 
-        `matrices` has the pairs along its first axis, and zeros for unused ones. Only the first part of the list that
-        contains all valid pairs is multiplied, so that room that is not needed costs little.
+        `matrices` has the pairs along its first axis, and zeros for unused ones. Parts of the list without valid pairs
+        are left out, so that room that is not needed costs little.
         """
-        room = self.valid.shape[0]
-        sizes = sorted({-(-room // part) for part in _PARTS})
+        size = math.gcd(self.valid.shape[0], _CHUNK)
 
-        def over_first(n):
-            @jax.checkpoint
-            def apply(matrices, density):
-                values = product(jax.tree.map(lambda leaf: leaf[:n], matrices), density[self.source[:n]])
-                return jnp.zeros((*density.shape[:2], 2)).at[self.target[:n]].add(values)
+        def of_part(part, density):
+            source, matrices = part
+            return product(matrices, density[source])
 
-            return apply
-
-        count = greatest(jnp.sum(self.valid, dtype=jnp.int32))
-        which = sum((jnp.int32(count > n) for n in sizes[:-1]), start=jnp.int32(0))
-        return lax.switch(which, [over_first(n) for n in sizes], matrices, density)
+        values = over_valid(of_part, self.valid, (self.source, matrices), density, size)
+        return jnp.zeros((*density.shape[:2], 2)).at[self.target].add(values.reshape(-1, *values.shape[2:]))
 
 
 def _moved(curve: Curve, image: Int[Array, "2"], lattice: Float[Array, "2 2"] | None) -> Curve:

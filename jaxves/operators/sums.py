@@ -9,7 +9,7 @@ from ..geometry.curve import Curve
 from ..geometry.domain import AbstractDomain, Cell
 from .direct_sums import Summation
 from .fast_sums import FastSummation
-from .interactions import NEAR, AbstractCoupling, AbstractInteractions
+from .interactions import NEAR, SOLVED, AbstractCoupling, AbstractInteractions
 from .near_pairs import NearPairs
 from .pairs import Pairwise
 
@@ -24,8 +24,9 @@ class MatrixFree(AbstractCoupling):
     """Computes sums instead of storing matrices. Coupled systems are solved by GMRES.
 
     `neighbours` is the room for near pairs, per vesicle on average. `mesh` has devices along one axis that share the
-    work of direct sums. `accuracy` is the error of fast sums, relative to their largest value; coupled systems are
-    solved to a tenth of it. With None, sums are direct.
+    work of direct sums. `accuracy` is the error of fast sums, relative to their largest value. With None, sums are
+    direct. `solved` is the relative residual to which coupled systems are then solved; the default is a tenth of the
+    accuracy.
 
     Raises:
         ValueError: there are both a mesh and an accuracy, as fast sums run on one device; or sums are direct and the
@@ -36,6 +37,7 @@ class MatrixFree(AbstractCoupling):
     mesh: Mesh | None = eqx.field(static=True, default=None)
     near: float = eqx.field(static=True, default=NEAR)
     accuracy: float | None = eqx.field(static=True, default=None)
+    solved: float | None = eqx.field(static=True, default=None)
     direct = False
     together = False
 
@@ -46,6 +48,11 @@ class MatrixFree(AbstractCoupling):
             wanted = "no mesh together with an accuracy: fast sums run on one device"
             raise refusal("MatrixFree.mesh", self.mesh, wanted)
         accuracy_for(self.accuracy)
+
+    def tolerance(self) -> float:
+        if self.solved is not None:
+            return self.solved
+        return SOLVED if self.accuracy is None else max(SOLVED, 0.1 * self.accuracy)
 
     def room(self, M: int) -> int:
         return self.neighbours
@@ -59,7 +66,7 @@ class MatrixFree(AbstractCoupling):
             plan = plan_in_cell(M, N, self.accuracy, domain.aspect)
         else:
             plan = plan_for(M, N, self.accuracy)
-        return FastSummation.of(curves, near, plan, domain, electric=electric)
+        return FastSummation.of(curves, near, plan, domain, electric=electric, solved=self.tolerance())
 
 
 def accuracy_of_sums(tolerance: float | None) -> float:
@@ -67,7 +74,18 @@ def accuracy_of_sums(tolerance: float | None) -> float:
     return ACCURACY if tolerance is None else min(max(_SHARE * tolerance, _LEAST), _GREATEST)
 
 
-def coupling_for(M: int, N: int, neighbours: int = 8, accuracy: float = ACCURACY) -> AbstractCoupling | None:
+def residual_of_systems(tolerance: float | None) -> float | None:
+    """Returns the residual of coupled systems with fast sums, for time steps with this tolerance; None for the default.
+
+    It is ten times the error of the sums. An error of the velocity with this relative size changes a step by far less
+    than the tolerance.
+    """
+    return None if tolerance is None else 10 * accuracy_of_sums(tolerance)
+
+
+def coupling_for(
+    M: int, N: int, neighbours: int = 8, accuracy: float = ACCURACY, solved: float | None = None
+) -> AbstractCoupling | None:
     """Returns the fastest method for M membranes of N nodes; None for one membrane.
 
     By the measurements of `experiments/scale.py`, GMRES is faster than the factorisation from 3 to 4 membranes on. Sums
@@ -77,12 +95,12 @@ def coupling_for(M: int, N: int, neighbours: int = 8, accuracy: float = ACCURACY
     if M == 1:
         return None
     if M * N >= _FAST:
-        return MatrixFree(neighbours, accuracy=accuracy)
+        return MatrixFree(neighbours, accuracy=accuracy, solved=solved)
     if M * N > 1024:
         return MatrixFree(neighbours)
     return Pairwise(direct=M * N <= 192, together=M * N <= _TOGETHER)
 
 
-def coupling_in_cell(neighbours: int = 8, accuracy: float = ACCURACY) -> AbstractCoupling:
+def coupling_in_cell(neighbours: int = 8, accuracy: float = ACCURACY, solved: float | None = None) -> AbstractCoupling:
     """Returns the method for membranes in a periodic cell; also for a single one, which has images."""
-    return MatrixFree(neighbours, accuracy=accuracy)
+    return MatrixFree(neighbours, accuracy=accuracy, solved=solved)

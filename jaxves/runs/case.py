@@ -22,7 +22,7 @@ from ..numerics.linear import AbstractSolver, Dense
 from ..observables.checks import Checks
 from ..operators.interactions import AbstractCoupling
 from ..operators.pairs import Pairwise
-from ..operators.sums import MatrixFree, accuracy_of_sums, coupling_for, coupling_in_cell
+from ..operators.sums import MatrixFree, accuracy_of_sums, coupling_for, coupling_in_cell, residual_of_systems
 from ..physics.scene import Scene
 from ..stepping import marching, schemes
 from ..stepping.adaptive import Adaptive
@@ -74,15 +74,15 @@ class Case(eqx.Module):
         """Returns the solver for the charge of one membrane and the coupling of several, as `[numerics]` asks for."""
         numerics = self.scene_file.numerics
         M, N, _ = scene.x.shape
-        accuracy = accuracy_of_sums(numerics.tolerance)
+        fast = accuracy_of_sums(numerics.tolerance), residual_of_systems(numerics.tolerance)
         if scene.cell is not None:
-            return None, coupling_in_cell(numerics.neighbours, accuracy)
+            return None, coupling_in_cell(numerics.neighbours, *fast)
         match numerics.solver:
             case "dense":
                 return Dense(), Pairwise(direct=True)
             case "matrix-free":
                 return None, MatrixFree(numerics.neighbours)
-        return None, coupling_for(M, N, numerics.neighbours, accuracy)
+        return None, coupling_for(M, N, numerics.neighbours, *fast)
 
     def equation(self, scene: Scene, integrands=None) -> Equation:
         """Returns the equation for a scene built from this file, with the solvers that the file asks for."""

@@ -159,7 +159,7 @@ class Adaptive(AbstractMarch, Bounded):
         refused = eqx.tree_at(lambda s: (s.h, s.rejected), state, (shrunk, state.rejected + 1))
         new = chosen(accepted, after, refused)
         code = jnp.where(new.status == status.RUNNING, self.controller.limit(new, sound, full), new.status)
-        solved = norms.solve_status(frozen)
+        solved = norms.solve_status(equation, frozen)
         code = jnp.where(solved == status.CROWDED, solved, code)
         new = eqx.tree_at(lambda s: (s.h, s.status), new, (lax.stop_gradient(new.h), code))
         if tape is not None:
