@@ -24,6 +24,7 @@ from experiments import (
     self_contact,
     shear,
     solvers,
+    suspensions,
     throughput,
 )
 
@@ -201,6 +202,23 @@ def test_scale_steps_a_suspension_in_a_process_of_its_own():
     assert row["peak"] > row["planned"] > 0
     assert row["parts"]["F"] > row["parts"]["sum of forces"] > 0
     scale.draw([row])
+
+
+def test_the_error_of_a_mean_is_that_of_equal_parts():
+    """Parts with the means 1, 2, 3 and 4, after a first third that is left out."""
+    mean, error = suspensions.mean_and_error(np.concatenate([np.full(4, 9.0), np.repeat([1.0, 2.0, 3.0, 4.0], 2)]))
+    assert mean == 2.5
+    np.testing.assert_allclose(error, np.sqrt(5 / 3) / 2)
+
+
+@pytest.mark.slow
+def test_suspensions_in_shear_and_in_a_field_end_complete():
+    found = suspensions.run(**suspensions.QUICK)
+    (shear,), (field,) = found["shear"], found["field"]
+    assert shear["status"] == field["status"] == "complete"
+    assert 1 < shear["viscosity"] < 2 * shear["dilute"]
+    assert field["conductivity"][-1] < field["conductivity"][0] < 1  # membranes charge
+    suspensions.draw(found)
 
 
 @pytest.mark.slow
