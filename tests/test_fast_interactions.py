@@ -6,15 +6,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxves.base import status
+from jaxves.equation.state import verdict
 from jaxves.ewald.plans import plan_for
 from jaxves.geometry import shapes
 from jaxves.geometry.curve import Curve
 from jaxves.geometry.domain import Free
 from jaxves.operators.direct_sums import Summation
 from jaxves.operators.fast_sums import FastSummation
-from jaxves.operators.interactions import NEAR
+from jaxves.operators.interactions import NEAR, SOLVED
 from jaxves.operators.near_pairs import NearPairs
-from jaxves.operators.sums import MatrixFree, coupling_for
+from jaxves.operators.sums import MatrixFree, accuracy_of_sums, coupling_for, coupling_in_cell, residual_of_systems
 
 M, N = 16, 32
 RNG = np.random.default_rng(5)
@@ -74,6 +76,18 @@ def test_the_derivative_of_fast_interactions_is_that_of_direct_ones():
 def test_many_nodes_are_summed_fast():
     assert coupling_for(32, 64).accuracy is None
     assert coupling_for(64, 64).accuracy == 1e-10
+
+
+def test_systems_are_solved_and_judged_as_the_steps_need_it():
+    """A tolerance of 1e-4 asks for a residual of 1e-5, which would be too large where nothing asks for it."""
+    assert MatrixFree(accuracy=1e-6).tolerance() == pytest.approx(1e-7)
+    assert MatrixFree().tolerance() == SOLVED
+    coupling = coupling_in_cell(accuracy=accuracy_of_sums(1e-4), solved=residual_of_systems(1e-4))
+    assert coupling.tolerance() == pytest.approx(1e-5)
+    residual = jnp.asarray(5e-5)
+    assert verdict(residual, coupling) == status.RUNNING
+    assert verdict(3 * residual, coupling) == verdict(residual, None) == status.SOLVE_FAILED
+    assert verdict(jnp.asarray(jnp.inf), coupling) == status.CROWDED
 
 
 def test_fast_sums_refuse_several_devices():
