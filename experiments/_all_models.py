@@ -93,7 +93,7 @@ def _tables(rng, model: Model) -> dict:
         rates.append(2 * rate)
     if model.viscosities:
         tables["fluid"] = {"viscosity_ratio": _log(rng, 1e-6, 1e8)}
-    auto = rng.random() < (0.5 if model.place == "alone" else 0.2)
+    auto = rng.random() < (0.3 if model.place == "alone" else 0.1)
     tables["numerics"] = {"nodes": "auto" if auto and max(rates) < 3e3 else 64}
     t_end = min(0.5, _log(rng, 3.0, 20.0) / max(rates))
     if model.field in ("ac", "averaged"):

@@ -2,10 +2,13 @@
 
 import tomllib
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxves.equation import norms
+from jaxves.equation.equation import equation_for
 from jaxves.geometry import shapes
 from jaxves.geometry.curve import Curve
 from jaxves.inputs.scene_files import parse
@@ -45,6 +48,19 @@ def test_steps_follow_the_growth_of_the_fastest_wrinkle():
     growth = compression**1.5 / (6 * np.sqrt(3))
     assert int(result.state.steps) >= 2e-3 * growth / 0.05 > 6
     assert float(march.first_step()) == 2e-5
+
+
+def test_wrinkles_on_a_viscous_vesicle_grow_as_slowly_as_its_fluids_allow():
+    """The force of a wave moves both fluids, so that its rate is that at equal viscosities over their mean."""
+    equation = equation_for(make_scene(shapes.ellipse(32, 0.95, angle=jnp.pi / 2), flow=Extension(12.0)))
+    y = equation.start()
+    frozen = eqx.filter_jit(equation.freeze)(jnp.zeros(()), y)
+    equal = float(norms.fastest_growth(equation, frozen))
+    for ratio, factor in ((1.0, 1.0), (9.0, 0.2), (1e8, 2e-8), (1e-6, 2.0)):
+        contrast = eqx.tree_at(
+            lambda e: e.scene.viscosity_ratio, equation, jnp.array([ratio]), is_leaf=lambda leaf: leaf is None
+        )
+        assert float(norms.fastest_growth(contrast, frozen)) == pytest.approx(factor * equal, rel=1e-5) != 0
 
 
 def test_only_strong_fields_and_flows_change_the_steps():

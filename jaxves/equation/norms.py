@@ -72,13 +72,17 @@ def step_status(
 
 
 def fastest_growth(equation: Equation, frozen: Frozen) -> Scalar:
-    """Returns the growth rate of the fastest growing wrinkle at a frozen state; 0 without compression."""
-    motion = frozen.motion
+    """Returns the growth rate of the fastest growing wrinkle at a frozen state; 0 without compression.
+
+    Waves between two fluids of viscosities 1 and ν move 2/(1 + ν) times as fast as in one fluid.
+    """
+    motion, ratio = frozen.motion, equation.scene.viscosity_ratio
 
     def of_one(curve, sigma, bending):
         return membrane.wrinkle_growth(curve, membrane.physical_tension(curve, sigma, bending), bending)
 
     found = jax.vmap(of_one)(motion.surfaces.curves, motion.sigma, equation.scene.bending)
+    found = found if ratio is None else found * 2 / (1 + ratio)
     return lax.stop_gradient(jnp.max(found))
 
 
