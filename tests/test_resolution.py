@@ -49,6 +49,17 @@ def test_the_monitor_asks_for_what_shape_potential_or_tension_lack():
     assert not adapt_nodes.necks_hold(row(64, diagnostics=smooth.diagnostics | {"self_gap": np.array([[0.3]])}), 64)
 
 
+def test_a_small_potential_is_resolved_relative_to_what_matters():
+    """A rough potential below 0.01 a E_inf, as of a conducting membrane, hardly moves it: it needs no further nodes."""
+    alpha, cut = np.asarray(fourier.grid(64)), Filter.for_nodes(64).surface
+    rough = np.cos(alpha) + 0.1 * np.cos((32 - cut) * alpha)
+    for size, expected in ((10.0, 0.1), (0.01, 0.1), (1e-5, 1e-4), (0.0, 0.0)):
+        tail = fourier.spectral_tail(size * rough, cut, resolution.SMALL_POTENTIAL)
+        assert float(tail) == pytest.approx(expected, rel=1e-6)
+        wanted = adapt_nodes.demand(row(64, V_m=(size * rough)[None, None]), 64)
+        assert wanted == pytest.approx(expected, rel=1e-6, abs=1e-12)
+
+
 @pytest.mark.slow
 def test_a_run_takes_the_nodes_that_it_needs(tmp_path, monkeypatch):
     """Squaring wants 64, on the way back too; between 48 do. Same answer as with 64, and the same bits when resumed."""

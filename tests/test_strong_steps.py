@@ -19,6 +19,7 @@ from jaxves.physics.flow import Extension
 from jaxves.physics.scene import make_scene
 from jaxves.potentials.self_refined import Refinement
 from jaxves.runs.case import Case
+from jaxves.runs.strength import stress, strong_steps
 from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.marching import simulate
 
@@ -80,6 +81,32 @@ def test_only_strong_fields_and_flows_change_the_steps():
     for text, first in strong.items():
         march = Case.of(scene_file(text), RUN).march()
         assert march.per_growth == 2 and float(march.first) == pytest.approx(first)
+
+
+def test_factors_of_time_and_soft_or_large_vesicles_make_a_field_strong():
+    field, flow = "[field]\nbeta = 3.2\nconductivity_ratio = 0.1\n", "[flow]\nkind = 'shear'\ncapillary_number = 10.0\n"
+    assert stress(scene_file(field)) == 40 == stress(scene_file(flow))
+    factors = {
+        field + "[field.time]\nkind = 'ac'\nfrequency = 1.0\namplitude = -3.0\noffset = 1.0\n": 16,
+        field + "[field.time]\nkind = 'table'\ntimes = [0.0, 0.1]\nvalues = [1.0, -10.0]\n": 100,
+        field + "[field.time]\nkind = 'pulse'\nstart = 0.0\nduration = 0.1\n": 1,
+        flow + "[flow.time]\nkind = 'sine'\nfrequency = 1.0\namplitude = 20.0\n": 20,
+        field.replace("beta", "permittivity_ratio = 30.0\nbeta"): 30,
+        field.replace("beta", "permittivity_ratio = 0.1\nbeta"): 1,
+        "bending = 0.01\n" + field: 100,
+        "length = 2.0\n" + flow: 8,
+        flow.replace("shear", "poiseuille") + "half_width = 0.5\n": 8,
+    }
+    for text, factor in factors.items():
+        assert stress(scene_file(text)) == pytest.approx(40 * factor)
+        assert bool(strong_steps(scene_file(text))) == (40 * factor > 300)
+    soft = strong_steps(scene_file("bending = 0.01\n" + field))  # moves as fast as a usual one
+    assert soft["first"] == min(1e-4, 0.01 / 40)
+
+
+def test_the_least_step_is_far_below_the_first_one():
+    assert Adaptive(1e-4).controller.smallest == 1e-11 == Adaptive(1e-4, first=1e-4).controller.smallest
+    assert float(Adaptive(1e-4, first=1e-12).controller.smallest) == pytest.approx(1e-18)
 
 
 def test_finer_grids_have_at_most_2048_nodes():

@@ -223,15 +223,15 @@ def evaluate(f: Float[Array, "N *rest"], alpha: Float[Array, "P"]) -> Float[Arra
     return series(coefficients(f), alpha)
 
 
-def spectral_tail(f: Float[Array, "N *rest"], cut: int) -> Scalar:
+def spectral_tail(f: Float[Array, "N *rest"], cut: int, least: float | None = None) -> Scalar:
     """Returns the relative amplitude of the highest modes: round-off if f is resolved, near 1 if it is not.
 
     It is the largest amplitude in the highest eighth of the modes that `low_pass(f, cut)` keeps, divided by the
-    largest amplitude of all modes except the mean. The node axis is the first.
+    largest amplitude of all modes except the mean, or by `least` if that is more. The node axis is the first.
     """
     cosine, sine = coefficients(f)
     size = jnp.max(jnp.abs(cosine) + jnp.abs(sine), axis=tuple(range(1, f.ndim)))
     last = f.shape[0] // 2 - cut
     # At least two modes: in a symmetric curve, the even or the odd modes vanish.
     high = jnp.max(size[last - max(last // 8, 2) + 1 : last + 1])
-    return high / jnp.maximum(jnp.max(size[1:]), jnp.finfo(size.dtype).tiny)
+    return high / jnp.maximum(jnp.max(size[1:]), jnp.finfo(size.dtype).tiny if least is None else least)

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ..base.resolution import SMALL_POTENTIAL
 from ..geometry import curve as geometry
 from ..geometry import extremes
 from ..geometry.curve import Curve
@@ -58,10 +59,8 @@ def of_shapes(instant: Instant, found) -> dict[str, Array]:
     curves = motion.surfaces.curves
     out = jax.vmap(shape)(curves, y.x, motion.velocity, motion.sigma, instant.scene.bending, equation.speed)
     for scalar in jax.tree.leaves(y.scalars):
-        tail = jax.vmap(lambda scalar: fourier.spectral_tail(scalar, cut.surface))(scalar)
-        # If it is constant along the membrane, as at the start, its spectrum is round-off and is not used.
-        varies = jnp.ptp(scalar, axis=1) > 1e-8
-        out["spectral_tail"] = jnp.maximum(out["spectral_tail"], jnp.where(varies, tail, 0.0))
+        tail = jax.vmap(lambda scalar: fourier.spectral_tail(scalar, cut.surface, SMALL_POTENTIAL))(scalar)
+        out["spectral_tail"] = jnp.maximum(out["spectral_tail"], tail)
     return out
 
 

@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base import status
-from ..base.resolution import kept_modes, nodes_for_waves, sizes_up_to
+from ..base.resolution import SMALL_POTENTIAL, kept_modes, nodes_for_waves, sizes_up_to
 from ..equation.equation import Equation
 from ..equation.projection import Filter
 from ..equation.state import Unknowns
@@ -87,20 +87,20 @@ def finer_rows(f: np.ndarray, K: int) -> np.ndarray:
     return f if K == N else np.moveaxis(np.moveaxis(f, 2, -1) @ fourier.resampling_matrix(N, K).T, -1, 2)
 
 
-def _tail(f: np.ndarray, N: int, cut: int) -> float:
+def _tail(f: np.ndarray, N: int, cut: int, least: float = np.finfo(float).tiny) -> float:
     """Returns the largest `fourier.spectral_tail` of f (M, nodes, ...), as if f were given on N nodes."""
     size = np.abs(np.fft.rfft(f, axis=1)).reshape(len(f), f.shape[1] // 2 + 1, -1).max(axis=2)
     last = N // 2 - cut
     top = size[:, last - max(last // 8, 2) + 1 : last + 1].max(axis=1)
-    return float(np.max(top / np.maximum(size[:, 1:].max(axis=1), np.finfo(float).tiny)))
+    return float(np.max(top / np.maximum(size[:, 1:].max(axis=1), 0.5 * f.shape[1] * least)))
 
 
 def demand(row: Row, N: int) -> float:
     """Returns the largest spectral tail of one saved row on N nodes, in units of the limit of x."""
     cut = Filter.for_nodes(N)
     found = [_tail(row.x[0], N, cut.x), _tail(row.tension[0], N, cut.surface) / _TENSION]
-    if row.V_m is not None and np.max(np.ptp(row.V_m[0], axis=1)) > 1e-8:  # otherwise its variation is round-off
-        found.append(_tail(row.V_m[0], N, cut.surface))
+    if row.V_m is not None:
+        found.append(_tail(row.V_m[0], N, cut.surface, SMALL_POTENTIAL))
     return max(found)
 
 

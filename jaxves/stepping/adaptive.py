@@ -42,8 +42,9 @@ class Adaptive(AbstractMarch, Bounded):
 
     With `per_growth`, steps are at most this fraction of the time in which the fastest growing wrinkle of a compressed
     membrane grows by a factor of e. Implicit stages would damp wrinkles that grow faster, and the error estimate does
-    not see wrinkles below the tolerance. `first` is the first step to try, 1e-4 by default. Scene files set both if
-    field or flow are strong.
+    not see wrinkles below the tolerance. `first` is the first step to try, 1e-4 by default. A run ends as "step
+    underflow" if its steps fall below `smallest`, or below 1e-6 `first` if that is less. Scene files set `per_growth`
+    and `first` if field or flow are strong.
 
     For a derivative, forward or reverse, up to `recorded` accepted steps are recorded and replayed. A run with more
     steps ends as "too many steps". With `recorded=None` nothing is recorded, and the loop itself is differentiated.
@@ -78,8 +79,9 @@ class Adaptive(AbstractMarch, Bounded):
 
     @property
     def controller(self) -> PIController:
-        """The controller of the step size."""
-        return PIController(self.stepper.order, self.largest, self.smallest, self.max_steps)
+        """The controller of the step size. The least step is far below the first, however fast the scene is."""
+        smallest = self.smallest if self.first is None else jnp.minimum(self.smallest, 1e-6 * self.first)
+        return PIController(self.stepper.order, self.largest, smallest, self.max_steps)
 
     def with_tolerance(self, factor):
         return eqx.tree_at(lambda march: march.tolerance, self, factor * self.tolerance)

@@ -42,7 +42,7 @@ class PIController(eqx.Module):
 
     order: int = eqx.field(static=True)
     largest: float = eqx.field(static=True)
-    smallest: float = eqx.field(static=True)
+    smallest: float | Scalar
     max_steps: int = eqx.field(static=True)
 
     def after_accepted(self, h: Scalar, error: Scalar, state: State) -> tuple[Scalar, Scalar]:
