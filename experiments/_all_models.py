@@ -94,7 +94,7 @@ def _tables(rng, model: Model) -> dict:
     if model.viscosities:
         tables["fluid"] = {"viscosity_ratio": _log(rng, 1e-6, 1e8)}
     auto = rng.random() < (0.3 if model.place == "alone" else 0.1)
-    tables["numerics"] = {"nodes": "auto" if auto and max(rates) < 3e3 else 64}
+    tables["numerics"] = {"nodes": "auto" if auto and max(rates) < 300 else 64}
     t_end = min(0.5, _log(rng, 3.0, 20.0) / max(rates))
     if model.field in ("ac", "averaged"):
         # A resolved field has up to ten periods, an averaged one any number.

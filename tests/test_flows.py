@@ -161,6 +161,21 @@ def test_a_scene_file_has_poiseuille_flow_and_the_time_dependence_of_any_flow():
         parse(tomllib.loads(FILE + "[numerics]\ntime_step = 0.1\n"))
 
 
+def test_a_period_that_no_run_can_resolve_is_refused():
+    """With eight steps for each period, t_end = 1 has room for 25,000 periods."""
+    base = "t_end = 1.0\n[[vesicle]]\nreduced_area = 0.9\n"
+    field = base + '[field]\nbeta = 1.0\nconductivity_ratio = 0.1\n[field.time]\nkind = "ac"\nfrequency = 3e4\n'
+    parse(tomllib.loads(field.replace("3e4", "2e4")))
+    parse(tomllib.loads(field + "averaged = true\n"))
+    parse(tomllib.loads(field + "[stop]\nsteady = 1e-3\n"))  # may end in time
+    parse(tomllib.loads(field + "[numerics]\ntime_step = 1e-6\n"))
+    expected = r"field.time.frequency = 30000.0, expected at most 25000 for this t_end, .*; or averaged = true"
+    with pytest.raises(SceneError, match=expected):
+        parse(tomllib.loads(field))
+    with pytest.raises(SceneError, match=r"flow.time.frequency = 100000.0, expected at most 25000 for .* 200000$"):
+        parse(tomllib.loads(FILE.replace("frequency = 5.0", "frequency = 1e5")))
+
+
 @pytest.mark.parametrize(
     ("function", "message"),
     [

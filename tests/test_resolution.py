@@ -2,6 +2,7 @@
 
 import tomllib
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import Stops, star, stored
@@ -54,7 +55,7 @@ def test_a_small_potential_is_resolved_relative_to_what_matters():
     alpha, cut = np.asarray(fourier.grid(64)), Filter.for_nodes(64).surface
     rough = np.cos(alpha) + 0.1 * np.cos((32 - cut) * alpha)
     for size, expected in ((10.0, 0.1), (0.01, 0.1), (1e-5, 1e-4), (0.0, 0.0)):
-        tail = fourier.spectral_tail(size * rough, cut, resolution.SMALL_POTENTIAL)
+        tail = fourier.spectral_tail(jnp.asarray(size * rough), cut, resolution.SMALL_POTENTIAL)
         assert float(tail) == pytest.approx(expected, rel=1e-6)
         wanted = adapt_nodes.demand(row(64, V_m=(size * rough)[None, None]), 64)
         assert wanted == pytest.approx(expected, rel=1e-6, abs=1e-12)

@@ -6,4 +6,5 @@ physical_numbers    every physical number of a scene, declared once; no JAX
 jax_parts   parts of JAX that are not public, with a guard for each
 arguments   checks of the arguments of Python functions
 resolution        modes of a shape that its nodes keep
+time_steps  how many steps a run may take; no JAX
 """

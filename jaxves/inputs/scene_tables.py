@@ -263,9 +263,9 @@ class SceneFile(Table):
         if self.field is None:
             self._has_nothing_electric()
         else:
-            check_field(self.field, self.vesicle, self.numerics, self.cell)
+            check_field(self)
         if self.flow is not None:
-            check_step(self.numerics, self.flow.time, "flow")
+            check_step(self, self.flow.time, "flow")
         if self.cell is not None:
             check_beside_cell(self)
         check_undulations(self.vesicle, self.numerics.nodes)

@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool
 from ..base import status
 from ..base.arguments import Bounded, refusal, require_count
 from ..base.bounds import TOLERANCE
+from ..base.time_steps import MOST_STEPS, STEPS_PER_PERIOD
 from ..equation import norms
 from ..equation.equation import Equation
 from ..equation.implicit import Frozen
@@ -61,7 +62,7 @@ class Adaptive(AbstractMarch, Bounded):
     projection: bool = eqx.field(static=True, default=True)
     largest: float = eqx.field(static=True, default=0.1)
     smallest: float = eqx.field(static=True, default=1e-11)
-    max_steps: int = eqx.field(static=True, default=200_000)
+    max_steps: int = eqx.field(static=True, default=MOST_STEPS)
     recorded: int | None = eqx.field(static=True, default=1024)
     edge_weight: float = eqx.field(static=True, default=30.0)
     rough: float = eqx.field(static=True, default=norms.ROUGH)
@@ -136,7 +137,7 @@ class Adaptive(AbstractMarch, Bounded):
         Returns the state, whether `frozen` is still its linear part, and the tape.
         """
         for period in equation.scene.periods():  # the error estimate must see field and flow change
-            longest = lax.stop_gradient(period) / 8
+            longest = lax.stop_gradient(period) / STEPS_PER_PERIOD
             state = eqx.tree_at(lambda s: s.h, state, jnp.minimum(state.h, longest))
         if self.per_growth is not None:
             longest = self.per_growth / norms.fastest_growth(equation, frozen)  # infinite without compression
