@@ -36,6 +36,7 @@ from matplotlib.patches import Rectangle
 
 from jaxves.base import compiling, status
 from jaxves.base.resolution import AUTO_NODES
+from jaxves.geometry import outlines
 from jaxves.inputs.scene_files import SceneFile, parse, to_toml
 from jaxves.plots import run_plots
 from jaxves.results import run_store
@@ -160,6 +161,11 @@ def exceeded(scene_file: SceneFile) -> list[str]:
     several = len(vesicles) > 1 or scene_file.cell is not None
     if several and any(getattr(v, "reduced_area", 1.0) > 0.999 for v in vesicles):
         found.append("circle among others")
+    if len(vesicles) == 2 and scene_file.cell is None:
+        one, other = (outlines.placed(v.polygon(), v.length, v.angle, v.center) for v in vesicles)
+        nodes = 64 if scene_file.numerics.nodes == "auto" else scene_file.numerics.nodes
+        if one.distance(other) < one.length / nodes:
+            found.append("film thinner than the node spacing")
     return found
 
 

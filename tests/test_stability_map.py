@@ -49,6 +49,18 @@ def test_chosen_scenes_are_valid_and_different():
     assert len(set(scenes)) == len(scenes) > 50
 
 
+def test_scenes_beyond_the_stated_limits_are_known():
+    within = {"neck", "ν = 10 in a flow", "β/χ = 3e3, Λ = 0.1", "χ = 10, β/χ = 1e5, Λ = 10", "cell, dense"}
+    beyond = {
+        "β/χ = 1e5, Λ = 0.1, 64 nodes": "wrinkles",
+        "pair, gap 0.01, ν = 10": "film thinner than the node spacing",
+    }
+    beyond |= {"cell, Ca = 1000": "wrinkles"}
+    for name, scene in stability_map.cases():
+        found = stability_map.exceeded(scene)
+        assert found == ([beyond[name]] if name in beyond else []) or name not in within | set(beyond)
+
+
 def test_a_verdict_says_what_became_of_a_run():
     assert verdict() == "right"
     assert verdict(error=2e-3, stated=1e-3) == "as stated" == verdict(word="inaccurate", error=1.0, stated=0.2)
