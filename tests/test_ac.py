@@ -149,3 +149,20 @@ def test_files_have_the_kind_ac_and_refuse_steps_that_do_not_see_it():
     assert jaxves.scene_of(parse(tables | {"numerics": {"time_step": 0.013}}), {}).field.history.averaged
     with pytest.raises(SceneError, match=re.escape("numerics.method")):
         parse(tables | {"numerics": {"time_step": 0.01, "method": "euler"}})
+
+
+@eqx.filter_jit
+def _periodic(ratio):
+    """Returns the complex envelope of V_m at the start of an ellipse."""
+    history = AC(jnp.asarray(100.0), averaged=True)
+    field = dc_field(BETA, conductivity_ratio=ratio, history=history)
+    y = equation_for(make_scene(shapes.ellipse(32, 0.9, angle=1.0), field=field)).start()
+    return y.scalars["V_m_real"] + 1j * y.scalars["V_m_imag"]
+
+
+def test_no_net_potential_arises_on_a_perfect_conductor():
+    """The equation for the field leaves it open there, so that round-off once grew to V_m = 0.04."""
+    perfect, good = _periodic(jnp.asarray(jnp.inf)), _periodic(jnp.asarray(1e7))
+    size = float(jnp.max(jnp.abs(perfect)))
+    assert abs(complex(jnp.mean(perfect))) < 1e-12 < 1e-2 < size
+    np.testing.assert_allclose(perfect, good, atol=1e-6 * size)

@@ -88,7 +88,9 @@ class AveragedCharging(AbstractStagedCharging):
         densities = self.law.densities(start, c, shift)
         direction = self.field.unit_direction()
         E_inf = jnp.stack([amplitude * direction for amplitude in history.envelope()])
-        g, solution = solve_normal_field(surfaces, E_inf, *_components(densities, g_like=start), direct=direct)
+        g, solution = solve_normal_field(
+            surfaces, E_inf, *_components(densities, g_like=start), neutral=densities.neutral, direct=direct
+        )
         g = g[:, 0] + 1j * g[:, 1]
         V = densities.V.at(g)
         scalars = {name: scalar.at(g) for name, scalar in densities.scalars.items()}

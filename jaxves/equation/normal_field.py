@@ -3,6 +3,9 @@ r"""The integral equation for the mean normal field g of all membranes, for dens
     g = E_∞·n - S'q + D'V,     q = q_0 + q_1 g,  V = V_0 + V_1 g        (laws of charging: `physics/charging.py`)
     (1 + S' q_1 - D' V_1) g = E_∞·n - S' q_0 + D' V_0
 
+If no membrane has a net charge, the mean of g is zero. The equation implies this except for a perfect conductor inside,
+q_1 = 2, where it leaves the mean open. The mean is then added to the left-hand side, which is regular for all q_1.
+
 There are K components of g, which the coefficients q_1 and V_1 may couple: one for a real field, and two, the real and
 the imaginary part, for a complex envelope. -D' is positive, so the equation is well posed for V_1 >= 0.
 """
@@ -28,11 +31,13 @@ def solve_normal_field(
     q: tuple[Components, Couplings],
     V: tuple[Components, Couplings],
     *,
+    neutral: bool,
     direct: bool,
 ) -> tuple[Components, linear.Solution]:
     """Returns g (M, K, N) for q = (q_0, q_1) and V = (V_0, V_1), and the linear solution.
 
-    With `direct`, the system that couples membranes is factorised and not solved by GMRES.
+    `neutral` says that no membrane has a net charge. With `direct`, the system that couples membranes is factorised and
+    not solved by GMRES.
     """
     curves, across = surfaces.curves, surfaces.interactions
     (q0, q1), (V0, V1) = q, V
@@ -40,7 +45,8 @@ def solve_normal_field(
     flux = jnp.einsum("mna,ka->mkn", curves.normal, E_inf)
     flux = flux + jnp.stack([surfaces.dlp_dn(V0[:, k]) - _slp_dn(surfaces, q0[:, k]) for k in range(K)], axis=1)
     b = flux.reshape(M, K * N)
-    matrices = jax.vmap(_own_matrix)(_own_slp_dn(surfaces), _own_dlp_dn(surfaces), q1, V1)
+    mean = curves.speed / jnp.sum(curves.speed, axis=1, keepdims=True) if neutral else None
+    matrices = jax.vmap(_own_matrix)(_own_slp_dn(surfaces), _own_dlp_dn(surfaces), q1, V1, mean)
     if across is None:
         solver = linear.Elimination()
         solution = jax.vmap(lambda matrix, b: solver.factor(linear.LinearOperator(matrix)).solve(b))(matrices, b)
@@ -67,10 +73,12 @@ def _own_dlp_dn(surfaces: Surfaces) -> Float[Array, "M N N"]:
     return (D @ (surfaces.laplace_slp @ D)) / surfaces.curves.speed[:, :, None]
 
 
-def _own_matrix(slp_dn, dlp_dn, q1, V1) -> Float[Array, "n n"]:
-    """Returns 1 + S' q_1 - D' V_1 of one membrane, ordered by component, node."""
+def _own_matrix(slp_dn, dlp_dn, q1, V1, mean) -> Float[Array, "n n"]:
+    """Returns 1 + S' q_1 - D' V_1 of one membrane, plus the mean if it is given, ordered by component, node."""
     K, N = q1.shape[0], slp_dn.shape[0]
     blocks = q1[:, None, :, None] * slp_dn[None, :, None, :] - V1[:, None, :, None] * dlp_dn[None, :, None, :]
+    if mean is not None:
+        blocks = blocks + np.eye(K)[:, None, :, None] * mean
     return np.eye(K * N) + blocks.reshape(K * N, K * N)
 
 

@@ -116,7 +116,7 @@ def real_normal_field(
         (density.value[:, None], jnp.broadcast_to(density.slope[..., None], (M, 1, 1)))
         for density in (densities.q, densities.V)
     ]
-    g, solution = solve_normal_field(surfaces, E_inf[None], *parts, direct=direct)
+    g, solution = solve_normal_field(surfaces, E_inf[None], *parts, neutral=densities.neutral, direct=direct)
     return g[:, 0], solution
 
 

@@ -42,11 +42,15 @@ class Affine(NamedTuple):
 
 
 class Densities(NamedTuple):
-    """The jump q of the normal field, the potential V, and the scalars by name."""
+    """The jump q of the normal field, the potential V, and the scalars by name.
+
+    `neutral` says that no membrane has a net charge, ∮ q ds = 0. For q = 2η g the mean of g is then zero.
+    """
 
     q: Affine
     V: Affine
     scalars: dict[str, Affine]
+    neutral: bool = False
 
 
 class Relaxed(NamedTuple):
@@ -67,7 +71,7 @@ class Relaxed(NamedTuple):
         d = 1 / (1 + c * shift + c * field.membrane_conductance[:, None] / chi)
         V = Affine(d * start["V_m"], 2 * c * share / chi * d)
         q = Affine(jnp.zeros_like(V.value), 2 * field.contrast()[:, None])
-        return Densities(q, V, {"V_m": V})
+        return Densities(q, V, {"V_m": V}, neutral=True)
 
     def rates(self, found: dict[str, Values], V: Values, g: Values, shift: Shift = 0.0):
         """Returns s' at the scalars `found`, the potential V and the mean normal field g."""
