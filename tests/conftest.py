@@ -85,7 +85,7 @@ class Stops:
     def __init__(self, rows):
         self.rows = rows
 
-    def __call__(self, t, text):
+    def __call__(self, t, t_end, text):
         self.rows -= text.endswith("steps")
         if self.rows == 0:
             raise KeyboardInterrupt

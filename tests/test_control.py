@@ -2,13 +2,15 @@
 
 from math import inf
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxves
 from jaxves import Fixed, steer
-from jaxves.analysis.control import Controlled, Goal, with_gradient
+from jaxves.analysis import steering
+from jaxves.analysis.control import Controlled, Goal, Outcome, with_gradient
 from jaxves.analysis.line_search import Trial, step_along
 from jaxves.inputs.checking import SceneError
 
@@ -52,10 +54,14 @@ def free(scene):
     """A search without a bound, for a deformation that another field gives."""
     outcome, _ = at(scene, [1.6, 1.2, 0.4, 0.4])
     assert outcome.status == jaxves.status.COMPLETE
-    return steer(
+    told = []
+    found = steer(
         scene, "deformation", float(outcome.quantity), t_end=T_END, knots=KNOTS, saves=SAVES, march=MARCH,
-        tolerance=1e-4,
+        tolerance=1e-4, progress=lambda *call: told.append(call),
     )  # fmt: skip
+    assert told == [(i + 1, 50, str(evaluation)) for i, evaluation in enumerate(found.history)]
+    assert told[0][2].startswith("quantity 0.") and "the run ended" not in told[0][2]
+    return found
 
 
 def test_the_goal_is_met_and_the_field_gives_it_again(scene, free):
@@ -76,6 +82,23 @@ def test_a_bound_that_the_free_field_exceeds_is_held(free):
     assert held.word == "met" and held.max_V_m <= bound
     assert abs(held.quantity / held.wanted - 1) <= 1e-4
     assert held.max_V_m > 0.9 * bound  # otherwise the bound would not matter
+
+
+def test_the_search_goes_on_where_the_cost_is_concave(scene, monkeypatch):
+    """For Q = 1/(1 + 5 m²) with the mean m of the values; the cost becomes steeper from m = 1.5 to 0.75."""
+
+    def with_gradient(controlled, goal, values, saves):
+        def cost(values):
+            Q = 1 / (1 + 5 * jnp.mean(values) ** 2)
+            return goal.cost(Q, jnp.zeros(2)), Q
+
+        (J, Q), gradient = jax.value_and_grad(cost, has_aux=True)(values)
+        return Outcome(J, Q, jnp.asarray(0.0), jnp.asarray(jaxves.status.COMPLETE)), gradient
+
+    monkeypatch.setattr(steering, "with_gradient", with_gradient)
+    found = steer(scene, "deformation", 0.9, t_end=T_END, knots=KNOTS, saves=SAVES, march=MARCH, start=1.5)
+    assert found.word == "met" and len(found.history) < 15
+    assert abs(found.history[-1].quantity / 0.9 - 1) <= 1e-3
 
 
 def test_too_few_evaluations_are_said(free):

@@ -205,7 +205,13 @@ def test_bending_is_found_from_a_relaxation_and_a_place_that_nothing_tells_is_na
     observations = blank._replace(seen={"deformation": seen})
     bounds = {"vesicle.bending": (0.1, 10.0), "vesicle.center[0]": (-1.0, 1.0)}
     kept = tmp_path / "starts.json"
-    found = fit.fit(file, bounds, observations, starts=1, march=march, checkpoint=kept)
+    told = []
+    found = fit.fit(
+        file, bounds, observations, starts=1, march=march, checkpoint=kept, progress=lambda *call: told.append(call)
+    )
+    assert len(told) == found.starts[0].iterations + 1  # each run, and the end of the start
+    assert told[0][:2] == (0, 1) and told[0][2].startswith("start 1 of 1, run 1: χ² = ")
+    assert told[-1] == (1, 1, f"start 1 of 1 is done: χ² = {found.chi2:.6g}")
     low, high = found.intervals["vesicle.bending"]
     assert low < 1.0 < high
     best = found.values["vesicle.bending"]
@@ -219,7 +225,11 @@ def test_bending_is_found_from_a_relaxation_and_a_place_that_nothing_tells_is_na
     stored = json.loads(kept.read_text())
     stored["starts"][0]["iterations"] = -7  # so that it shows that nothing was searched again
     kept.write_text(json.dumps(stored))
-    again = fit.fit(file, bounds, observations, starts=1, march=march, checkpoint=kept)
+    told.clear()
+    again = fit.fit(
+        file, bounds, observations, starts=1, march=march, checkpoint=kept, progress=lambda *call: told.append(call)
+    )
+    assert len(told) == 1
     assert again.starts[0].iterations == -7 and again.values == found.values
     with pytest.raises(ValueError, match="of the same scene, bounds and observations"):
         fit.fit(file, {"vesicle.bending": (0.1, 9.0)}, observations, starts=1, march=march, checkpoint=kept)
@@ -236,7 +246,12 @@ def test_gradient_descent_finds_what_the_trust_region_finds(tmp_path):
     bounds = {"vesicle.bending": (0.1, 10.0)}
     trusted = fit.fit(file, bounds, observations, **how)
     kept = tmp_path / "starts.json"
-    descended = fit.fit(file, bounds, observations, **how, method=optax.adam(0.1), checkpoint=kept)
+    told = []
+    descended = fit.fit(
+        file, bounds, observations, **how, method=optax.adam(0.1), checkpoint=kept,
+        progress=lambda *call: told.append(call),
+    )  # fmt: skip
+    assert len(told) == descended.starts[0].iterations + 1
     (low, high), best = trusted.intervals["vesicle.bending"], trusted.values["vesicle.bending"]
     assert abs(descended.values["vesicle.bending"] - best) < 1e-2 * (high - low)
     np.testing.assert_allclose(descended.intervals["vesicle.bending"], (low, high), rtol=1e-3)

@@ -68,7 +68,7 @@ class After:
     def __init__(self, rows, action):
         self.rows, self.action = rows, action
 
-    def __call__(self, t, said):
+    def __call__(self, t, t_end, said):
         self.rows -= t > 0
         if self.rows == 0:
             self.action()
@@ -139,7 +139,7 @@ def test_a_second_run_in_the_same_process_is_refused_even_before_the_file_exists
     """The first is still compiling, or relaxing a vesicle."""
     path, refused = tmp_path / "out.h5", []
 
-    def second(t, said):
+    def second(t, t_end, said):
         if said == "compiling":
             assert not path.exists()
             with pytest.raises(StoreError, match=f"being written by another run .process {os.getpid()} on"):

@@ -68,7 +68,7 @@ def test_a_run_takes_the_nodes_that_it_needs(tmp_path, monkeypatch):
     monkeypatch.setattr(resolution, "USUAL_NODES", 64)
     auto, fixed, parts = (tmp_path / name for name in ("auto.h5", "fixed.h5", "parts.h5"))
     said = []
-    assert runner.run(pop('"auto"'), auto, progress=lambda t, text: said.append(text)) == "complete"
+    assert runner.run(pop('"auto"'), auto, progress=lambda t, t_end, text: said.append(text)) == "complete"
     assert said.count("compiling with 48 nodes") == 1 and "compiling with 64 nodes" not in said  # 64 are compiled first
     found = run_store.read_result(auto)
     assert found.x.shape == (17, 1, 64, 2)

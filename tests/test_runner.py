@@ -54,7 +54,7 @@ def test_a_run_interrupted_and_resumed_has_the_bits_of_an_uninterrupted_one(tmp_
 def test_a_result_holds_the_start_all_saved_times_and_what_made_it(tmp_path):
     path = tmp_path / "pop.h5"
     seen = []
-    runner.run(pop(), path, progress=lambda t, text: seen.append(t))
+    runner.run(pop(), path, progress=lambda t, t_end, text: seen.append(t))
     record = run_store.read_result(path)
     np.testing.assert_allclose(record.t, 0.06 * np.arange(13) / 12, rtol=1e-15)
     assert seen[-1] == 0.06 and sorted(seen) == seen and len(seen) >= 13

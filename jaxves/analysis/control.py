@@ -10,6 +10,7 @@ derivatives with respect to all values at about the cost of five runs.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -36,6 +37,19 @@ class Outcome(eqx.Module):
     quantity: Scalar
     max_V_m: Scalar
     status: Status
+
+
+class Evaluation(NamedTuple):
+    """One gradient evaluation: the cost, the quantity, the largest |V_m|, and the status word of the run."""
+
+    cost: float
+    quantity: float
+    max_V_m: float
+    word: str
+
+    def __str__(self) -> str:
+        end = "" if self.word == status.WORDS[status.COMPLETE] else f", the run ended as {self.word}"
+        return f"quantity {self.quantity:.6g}, largest |V_m| {self.max_V_m:.4g}, cost {self.cost:.3g}{end}"
 
 
 class Controlled(eqx.Module):

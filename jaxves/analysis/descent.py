@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from ..base.arguments import refusal
 from ..numerics.arrays import as_float
 from . import boxes
-from .search import Start, Target, linearised
+from .search import Start, Target, Told, linearised
 
 _WANTED = "an optimiser of Optax without a line search, such as optax.adam(0.1), or None for the trust region"
 _TRIED = 8  # number of steps that distinguish optimisers
@@ -52,13 +52,15 @@ def descent(
     target: Target,
     tolerance: float,
     max_steps: int,
+    told: Told = lambda run, chi2: None,
     *,
     method: optax.GradientTransformation,
 ) -> Start:
     """Returns the best point of a gradient descent from `point` with at most `max_steps` runs.
 
     The search has converged when the linearised residuals predict that χ² can fall by less than `tolerance` times χ²,
-    or by less than `tolerance` where χ² is below 1. χ² is infinite if the first run breaks down.
+    or by less than `tolerance` where χ² is below 1. χ² is infinite if the first run breaks down. `told` is called after
+    each run.
     """
     inside = dict(target.inside)
     lower, upper = np.transpose([box.ends() for box in inside.values()])
@@ -66,6 +68,7 @@ def descent(
     c = np.clip(boxes.to_coordinates(point, inside), lower, upper)
     r, jacobian = map(np.asarray, linearised(as_float(c), target))
     runs, state = 1, method.init(as_float(c))
+    told(runs, float(r @ r))
     if not np.all(np.isfinite(r)):
         return Start(dict(point), dict(point), math.inf, runs, False)
     best, least = c, float(r @ r)
@@ -76,6 +79,7 @@ def descent(
             tried = np.clip(c + share * np.asarray(update), lower, upper)
             its_r, its_jacobian = map(np.asarray, linearised(as_float(tried), target))
             found, runs, share = np.all(np.isfinite(its_r)), runs + 1, share / 2
+            told(runs, float(its_r @ its_r))
         if not found:
             break
         c, r, jacobian = tried, its_r, its_jacobian

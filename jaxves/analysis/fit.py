@@ -13,7 +13,7 @@ paraboloid has a long axis, the observations do not determine the numbers separa
 
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ import optax
 from jaxtyping import Float
 
 from ..base.arguments import require_count
+from ..base.progress import Progress, silent
 from ..geometry.frames import Frames
 from ..inputs.parameters import check_numbers
 from ..inputs.scene_files import Readable, read_scene
@@ -74,7 +75,7 @@ def fit(
     max_steps: int = 100,
     method: optax.GradientTransformation | None = None,
     checkpoint: str | Path | None = None,
-    progress: Callable[[int, Start], None] = lambda i, start: None,
+    progress: Progress = silent,
 ) -> Fit:
     """Returns the numbers named in `bounds` with which the scene agrees best with `observations`.
 
@@ -93,7 +94,8 @@ def fit(
             steps than the trust region, usually a few hundred. An optimiser with a line search is refused.
         checkpoint: a file (JSON) that keeps every start once it is done. When `fit` is called again with the same
             arguments, these starts are not searched again.
-        progress: called after each start with its index and its result.
+        progress: called after each run and each start, with the number of starts that are done, of all starts, and a
+            text with χ².
 
     Raises:
         ValueError: bounds, observations or `method` cannot be used, every start broke down, or the checkpoint belongs
@@ -117,10 +119,15 @@ def fit(
     done = resumed(checkpoint, mark)
     for i, point in enumerate(points):
         if i >= len(done):
-            done.append(search(point, target, tolerance, max_steps))
+            told = functools.partial(_tell, progress, i, len(points))
+            done.append(search(point, target, tolerance, max_steps, told))
             keep(checkpoint, mark, done)
-        progress(i, done[i])
+        progress(i + 1, len(points), f"start {i + 1} of {len(points)} is done: χ² = {done[i].chi2:.6g}")
     return _judged(tuple(done[: len(points)]), target)
+
+
+def _tell(progress: Progress, start: int, starts: int, run: int, chi2: float) -> None:
+    progress(start, starts, f"start {start + 1} of {starts}, run {run}: χ² = {chi2:.6g}")
 
 
 def fit_frames(

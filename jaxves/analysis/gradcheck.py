@@ -6,7 +6,7 @@ derivative is zero, as by symmetry, they are relative to a thousandth of the rat
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import equinox as eqx
@@ -16,6 +16,7 @@ from jax.flatten_util import ravel_pytree
 
 from ..base import status
 from ..base.physical_numbers import declared
+from ..base.progress import Progress, silent
 from ..equation.tracking import turned
 from ..inputs import parameters
 from ..inputs.scene_files import Readable
@@ -77,12 +78,11 @@ def _why_not(name: str, value: float) -> str | None:
     return None if math.isfinite(value) else "at infinity"
 
 
-def check_gradients(
-    scene_file: Readable, t_end: float, steps: int, *, progress: Callable[[str], None] = lambda text: None
-) -> Iterator[Row]:
+def check_gradients(scene_file: Readable, t_end: float, steps: int, *, progress: Progress = silent) -> Iterator[Row]:
     """Yields the rows for all numbers of a scene, for its diagnostics after `steps` fixed steps to `t_end`.
 
-    The scheme is the `method` of the scene. Its tolerance or time step is replaced by `steps`.
+    The scheme is the `method` of the scene. Its tolerance or time step is replaced by `steps`. `progress` is called
+    with the number of numbers that are done, the number of all, and a text.
 
     Raises:
         SceneError: the scene has a key that derivatives do not support, such as `nodes = "auto"`.
@@ -94,14 +94,14 @@ def check_gradients(
     _completed(case, t_end, march)
     outcome = AtEnd(scene_file, quantities_of(scene_file), t_end, march=march)
     values = {name: as_float(value) for name, value in parameters.numbers(scene_file).items()}
-    progress("forward mode")
+    progress(0, len(values), "forward mode")
     outputs, _ = pushed(outcome, values, unit(values, 0))
     flat, unflatten = ravel_pytree(outputs)
-    progress("reverse mode")
+    progress(0, len(values), "reverse mode")
     reverse = [pulled(outcome, values, unit(outputs, i))[1] for i in range(flat.size)]
     for i, name in enumerate(sorted(values)):
         value = float(values[name])
-        progress(name)
+        progress(i, len(values), name)
         why = _why_not(name, value)
         if why is not None:
             yield Row(name, "all", *[math.nan] * 6, why)

@@ -5,8 +5,8 @@ down is a step that was too long. The derivatives are forward: P unknowns cost P
 """
 
 import math
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,6 +22,8 @@ from ..numerics.arrays import as_float
 from . import boxes
 from .boxes import Box
 from .observations import Model, Observations
+
+Told = Callable[[int, float], None]  # number of runs, χ² of the last one
 
 
 class Start(NamedTuple):
@@ -78,24 +80,27 @@ def starting_points(
     return points
 
 
-def trust_region(point: Mapping[str, float], target: Target, tolerance: float, max_steps: int) -> Start:
+def trust_region(
+    point: Mapping[str, float], target: Target, tolerance: float, max_steps: int, told: Told = lambda run, chi2: None
+) -> Start:
     """Returns the end of a trust-region search from `point` with at most `max_steps` runs.
 
     The search ends when a step changes the coordinates or χ² by less than `tolerance`, relative. χ² is infinite if the
-    first run breaks down.
+    first run breaks down. `told` is called after each run.
     """
     inside = dict(target.inside)
     first = boxes.to_coordinates(point, inside)
-    last = {}
+    last: dict[str, Any] = {"c": None, "runs": 0}
 
     def residuals(c):
-        r, last["jacobian"] = map(np.asarray, linearised(as_float(c), target))
-        last["c"] = np.array(c)
-        return r
+        if not np.array_equal(c, last["c"]):
+            last["r"], last["jacobian"] = map(np.asarray, linearised(as_float(c), target))
+            last["c"], last["runs"] = np.array(c), last["runs"] + 1
+            told(last["runs"], float(last["r"] @ last["r"]))
+        return last["r"]
 
     def jacobian(c):
-        if not np.array_equal(c, last["c"]):
-            residuals(c)
+        residuals(c)
         return last["jacobian"]
 
     if not np.all(np.isfinite(residuals(first))):

@@ -12,7 +12,7 @@ just below the bound. The search ends when the quantity is within its tolerance 
 all saved times.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..base import status
 from ..base.arguments import is_known, refusal, require, require_count
 from ..base.bounds import FINITE, POSITIVE
+from ..base.progress import Progress, silent
 from ..inputs.scene_files import Readable
 from ..inputs.uses import CONTROL
 from ..numerics.arrays import as_float
@@ -35,21 +36,12 @@ from ..runs.case import Case
 from ..stepping.adaptive import Adaptive
 from ..stepping.march import AbstractMarch
 from ..stepping.marching import Result
-from .control import Controlled, Goal, Quantity, greatest_potential, with_gradient
+from .control import Controlled, Evaluation, Goal, Quantity, greatest_potential, with_gradient
 from .line_search import Trial, capped, step_along
 
 MARGIN = 0.01  # relative distance of the limit of |V_m| in the cost from the bound
 _FIRST = 0.5  # longest first step of a value, relative to the largest one
 _ALONG = 0.07  # the same for steps that keep the quantity
-
-
-class Evaluation(NamedTuple):
-    """One gradient evaluation: the cost, the quantity, the largest |V_m|, and the status word of the run."""
-
-    cost: float
-    quantity: float
-    max_V_m: float
-    word: str
 
 
 class Steering(NamedTuple):
@@ -99,7 +91,7 @@ def steer(
     tolerance: float = 1e-3,
     saves: int | None = None,
     march: AbstractMarch | None = None,
-    progress: Callable[[int, Evaluation], None] = lambda i, evaluation: None,
+    progress: Progress = silent,
 ) -> Steering:
     """Returns a field E(t) with which a quantity at the end of a run is `wanted`, and |V_m| stays within its bound.
 
@@ -121,7 +113,7 @@ def steer(
         tolerance: the allowed |quantity - wanted|, relative to |wanted|, or absolute if `wanted` is zero.
         saves: the number of saved times, at which the bound counts; by default two for each interval between knots.
         march: how runs advance in time; `Adaptive()`, or what the scene file says, by default.
-        progress: called after each gradient evaluation with its index and its result.
+        progress: called after each gradient evaluation with their number, their largest number, and a text.
 
     Raises:
         ValueError: an argument cannot be used, or the run with `start` does not reach its end.
@@ -139,9 +131,8 @@ def steer(
     require_count("saves", saves)
     controlled = _controlled(scene, quantity, knots, t_end, saves, march)
     values = _start(controlled, start)
-    eqx.filter_eval_shape(
-        lambda values: controlled.measured(controlled.run(values, saves)), values
-    )  # checks `quantity`
+    # This checks `quantity`.
+    eqx.filter_eval_shape(lambda values: controlled.measured(controlled.run(values, saves)), values)
     search = _Search(
         controlled, float(wanted), inf if max_V_m is None else max_V_m, tolerance, saves, evaluations, progress
     )
@@ -199,7 +190,7 @@ class _Search(NamedTuple):
     tolerance: float
     saves: int
     evaluations: int
-    progress: Callable[[int, Evaluation], None]
+    progress: Progress
 
     @property
     def scale(self) -> float:
@@ -232,7 +223,7 @@ class _Search(NamedTuple):
         numbers = float(outcome.cost), float(outcome.quantity), float(outcome.max_V_m)
         found = Evaluation(*numbers, status.WORDS[int(outcome.status)])
         history.append(found)
-        self.progress(len(history) - 1, found)
+        self.progress(len(history), self.evaluations, str(found))
         return Trial(found.cost, found.quantity - self.wanted, (values, gradient, found))
 
     def _brought_within(self, here: Trial, history) -> tuple[Trial, str]:
@@ -277,12 +268,15 @@ class _Search(NamedTuple):
         longest = _FIRST * max(float(jnp.max(jnp.abs(values))), 1.0)
         while not abs(here.residual) <= self.tolerance * self.scale:
             values, gradient, _ = here.rest
-            direction, state = method.update(gradient / root, state, root * values)
-            slope, direction = float(gradient @ (direction / root)), direction / root
+            g, u = gradient / root, root * values
+            direction, state = method.update(g, state, u)
+            if not g @ direction > 0:  # J is concave along a step that is remembered; forget all of them
+                direction, state = method.update(g, method.init(values), u)
+            slope, direction = float(g @ direction), direction / root
             if not slope > 0:
                 return here, "no further descent"
             most = longest / float(jnp.max(jnp.abs(direction)))
-            share = min(2 * here.cost / slope, most, 1.0 if len(history) > 1 else inf)
+            share = min(2 * here.cost / slope, most, 1.0 if state.count > 1 else inf)
             step = step_along(here, slope, share, lambda s, u=values, d=direction: self._evaluated(u - s * d, history))
             if step is None:
                 return here, "evaluations used up" if len(history) == self.evaluations else "no further descent"

@@ -220,7 +220,10 @@ def check_grad(
 
     with console.err.status("running") as said:
         try:
-            rows = list(gradcheck.check_gradients(scene_file, t_end, steps, progress=said.update))
+            checked = gradcheck.check_gradients(
+                scene_file, t_end, steps, progress=lambda i, count, text: said.update(text)
+            )
+            rows = list(checked)
         except gradcheck.BrokenDown as word:
             console.say(
                 f"the run to be differentiated ends as {word}: use more nodes, more --steps or a smaller --t-end."

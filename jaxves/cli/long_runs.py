@@ -38,7 +38,7 @@ def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> i
     ):
         task = bar.add_task("starting", total=scene_file.t_end)
 
-        def show(t: float, text: str) -> None:
+        def show(t: float, t_end: float, text: str) -> None:
             found.check()
             bar.update(task, completed=t, description=text)
 

@@ -26,7 +26,7 @@ from .rows import Rows, restored
 # Names in the restart state: nodes (after relaxation) and, if not zero, potential at t = 0, before they are filtered.
 _START, _START_V_m = "start", "start_V_m"
 
-Progress = Callable[[float, str], None]  # time reached, text to show
+Told = Callable[[float, str], None]  # time reached, text to show
 
 
 class Begun(NamedTuple):
@@ -39,7 +39,7 @@ class Begun(NamedTuple):
 
 
 def _started(
-    scene_file: SceneFile, start: str | Path | None, at: float | None, progress: Progress
+    scene_file: SceneFile, start: str | Path | None, at: float | None, progress: Told
 ) -> tuple[Scene, dict[str, str], NotRelaxed | None]:
     """Returns the scene at t = 0, attributes that describe its origin, and the error if a vesicle did not relax."""
     if start is not None:
@@ -56,7 +56,7 @@ def _started(
 
 
 def new(
-    scene_file: SceneFile, path: Path, force: bool, start: str | Path | None, at: float | None, progress: Progress
+    scene_file: SceneFile, path: Path, force: bool, start: str | Path | None, at: float | None, progress: Told
 ) -> Begun:
     """Begins a new run and writes its first row. The arguments are those of `runner.run`."""
     case, (scene, origin, failed) = Case(scene_file), _started(scene_file, start, at, progress)

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..base import status
 from ..base.arguments import refusal
+from ..base.progress import Progress, silent
 from ..inputs.scene_files import Readable
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import RUN
@@ -21,7 +22,7 @@ from ..observables.certificate import certificate, has_enough_digits
 from ..results import hdf5, run_store
 from ..results.ownership import real, writing
 from ..stepping.state import Window
-from .beginning import Begun, Progress, continued, new
+from .beginning import Begun, Told, continued, new
 from .case import Case
 from .continuation import is_done, saved_times
 from .error_estimate import estimated_error
@@ -44,7 +45,7 @@ def run(
     resume: bool = False,
     start: str | Path | None = None,
     at: float | None = None,
-    progress: Progress = lambda t, text: None,
+    progress: Progress = silent,
 ) -> str:
     """Runs a scene and writes a result file; returns the status word. Ctrl-C ends the run as "interrupted".
 
@@ -57,7 +58,7 @@ def run(
             it also starts with its V_m. Shapes, positions, `relaxed` and `disturbance` of the scene are not used. Such
             a run is resumed without `start`.
         at: start from the saved time nearest to this one instead of the last.
-        progress: is called with the time reached and a text to show.
+        progress: called at each saved time with the time reached, the end of the run, and a text.
 
     Raises:
         SceneError: there is no such scene, or a value of it is not allowed.
@@ -69,6 +70,7 @@ def run(
     """
     began, path = time.perf_counter(), real(path)
     scene_file = Case.of(scene_file, RUN).scene_file
+    told = partial(_tell, progress, scene_file.t_end)
     if at is not None and start is None:
         raise refusal("at", at, "no time without a result file to start from")
     if resume and start is not None:
@@ -78,11 +80,15 @@ def run(
             return run_store.read_result(path).status
         if not resume and not force and path.exists():
             raise hdf5.StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
-        begun = continued(scene_file, path) if resume else new(scene_file, path, force, start, at, progress)
-        return _carried_out(scene_file, begun, began, progress)
+        begun = continued(scene_file, path) if resume else new(scene_file, path, force, start, at, told)
+        return _carried_out(scene_file, begun, began, told)
 
 
-def _carried_out(scene_file: SceneFile, begun: Begun, began: float, progress: Progress) -> str:
+def _tell(progress: Progress, t_end: float, t: float, text: str) -> None:
+    progress(t, t_end, text)
+
+
+def _carried_out(scene_file: SceneFile, begun: Begun, began: float, progress: Told) -> str:
     """Runs to the end, evaluates the result and completes the file; returns the status word."""
     with begun.rows.writer as writer:
         try:
@@ -103,7 +109,7 @@ def _carried_out(scene_file: SceneFile, begun: Begun, began: float, progress: Pr
     return word
 
 
-def _marched(scene_file: SceneFile, begun: Begun, progress: Progress) -> int:
+def _marched(scene_file: SceneFile, begun: Begun, progress: Told) -> int:
     """Advances to the end of the run; returns its status."""
     resolution, state, rows, _ = begun
     wanted = None if scene_file.stop is None else scene_file.stop.class_
@@ -127,7 +133,7 @@ def _marched(scene_file: SceneFile, begun: Begun, progress: Progress) -> int:
     return status.COMPLETE if found == status.RUNNING else found
 
 
-def _error(scene_file: SceneFile, begun: Begun, progress: Progress) -> float | None:
+def _error(scene_file: SceneFile, begun: Begun, progress: Told) -> float | None:
     """Returns the estimated error of the whole run, None if it is not asked for, NaN if it was interrupted."""
     if scene_file.numerics.certify is False:
         return None

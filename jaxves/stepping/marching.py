@@ -108,7 +108,7 @@ def simulate(
     The function is pure. It can be used under `jax.jit`, `jax.vmap`, `jax.jvp`, `jax.grad`, and combinations of them.
     It is jitted, and compiled once for scenes of the same structure. Use `jax.jit` for the caller as well to avoid
     dispatch overhead. After the end of a run that broke down, values are NaN and their derivatives zero; check the
-    status.
+    status. A call does not show how far it is, because it is one compiled program. `jaxves.run` has `progress`.
 
     Args:
         scene: the scene.

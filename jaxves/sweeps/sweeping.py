@@ -8,7 +8,7 @@ computed.
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from math import prod
 from pathlib import Path
@@ -18,6 +18,7 @@ import jax
 import numpy as np
 
 from ..base import status
+from ..base.progress import Progress, silent
 from ..inputs import sweep_files
 from ..inputs.checking import SceneError
 from ..inputs.sweep_files import Plan
@@ -31,7 +32,6 @@ from ..results.sweep_writer import SweepWriter
 from . import motions, processes, refinement
 from .batches import METHODS, Batches
 
-Progress = Callable[[int, int, str], None]  # finished cases, cases planned so far, text to show
 _OWN = {
     "status": Variable("1", "how the case ended", dtype="S16"),
     "passes": Variable("1", "passes given to the case", dtype="i1"),
@@ -65,7 +65,7 @@ def sweep(
     devices: int | None = None,
     batch: int | None = None,
     method: str | None = None,
-    progress: Progress = lambda done, total, text: None,
+    progress: Progress = silent,
 ) -> SweepRecord:
     """Computes a sweep into a file and returns the content of the file. After Ctrl-C the file can be resumed.
 
@@ -83,7 +83,7 @@ def sweep(
         batch: cases per device and call.
         method: "map" computes one case after the other on each device, "vmap" all cases of a batch together. The
             default depends on the platform.
-        progress: is called after every batch.
+        progress: called after every batch with the number of finished cases, of cases planned so far, and a text.
 
     Raises:
         SceneError: the input is invalid, or a case does not fit into memory.
