@@ -1,5 +1,7 @@
 """Growth rates of steady states, against closed forms near the circle and on it, and their derivatives."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,11 +11,14 @@ import pytest
 from experiments import quasi_circular as q
 from jaxves.analysis.disturbances import AXIS, CENTER
 from jaxves.analysis.stability import stability
+from jaxves.cli.stability_words import words
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import shapes
+from jaxves.inputs.scene_files import parse, to_toml
 from jaxves.observables.rotor import rotor_threshold
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import dc_field, make_scene
+from jaxves.results.run_store import Record
 
 CHI = 0.08
 
@@ -164,6 +169,37 @@ def test_derivatives_of_a_growth_rate_are_those_of_differences(analysed):
     ends = [jax.tree.map(lambda p, d, h=h: p + h * d, pair, way) for h in (h, -h)]
     high, low = (analysed(*end, start)[0][0] for end in ends)
     assert abs(forward - (high - low) / (2 * h)) < 1e-5 * size
+
+
+def record_of(vesicle, state, **tables):
+    """A result whose only saved time has this state."""
+    tables = {"t_end": 1.0, "saves": 1, "vesicle": [vesicle], "numerics": {"nodes": 32}} | tables
+    x, V_m = np.asarray(state.x)[None], np.asarray(state.scalars["V_m"])[None]
+    zeros = np.zeros(x.shape[:3])
+    scene = to_toml(parse(tables))
+    return Record(np.ones(1), x, V_m, zeros, zeros[..., 0], None, {}, {}, None, {}, "complete", scene)
+
+
+def test_a_run_is_shown_with_the_rate_at_which_its_last_state_is_left():
+    """A circle in a field of three times its threshold, to the digits of the closed form; and what has no rate."""
+    x = np.asarray(shapes.circle(32))
+    charged = Unknowns.of(jnp.asarray(x[None]), jnp.asarray(2 * x[None, :, 0]))
+    field = {"beta": 3.0, "conductivity_ratio": 0.4, "chi": CHI, "direction": [1.0, 0.0]}
+    s = 0.4 / 1.4
+    told = words(record_of({"shape": "circle"}, charged, field=field))
+    rate = f"{2 * s / CHI:.3g}/t_kappa"  # G = 0: s (β - 1)/χ
+    assert told == (
+        f"steady state unstable: a disturbance grows at {rate}, in charge, breaking the symmetry in its axis (32 nodes)"
+    )
+    far = Unknowns.of(charged.x, -charged.scalars["V_m"])
+    assert "not near a steady one" in words(record_of({"shape": "circle"}, far, field=field))
+    sine = field | {"time": {"kind": "sine", "frequency": 2.0}}
+    assert words(record_of({"shape": "circle"}, charged, field=sine)) == "stability: not known for a field that changes"
+    pair = record_of({"shape": "circle"}, charged, field=field)
+    vesicles = [{"reduced_area": 0.9, "center": [center, 0.0]} for center in (-3.0, 3.0)]
+    two = to_toml(parse({"t_end": 1.0, "vesicle": vesicles, "field": field}))
+    assert "several vesicles" in words(replace(pair, scene=two))
+    assert words(replace(pair, t=np.zeros(0))) == "stability: not known without the last state of a run"
 
 
 def test_a_state_that_is_not_steady_has_no_rates(analysed):

@@ -22,7 +22,7 @@ from ..results.run_store import Record
 from ..results.sweep_store import SweepRecord
 from ..runs import continuation
 from . import console, interrupts, long_runs, options, pictures, sweep_summary
-from .run_summary import derivatives, summary
+from .run_summary import derivatives, stability_line, summary
 
 app = typer.Typer(
     add_completion=False,
@@ -164,9 +164,11 @@ def _loaded(path: Path) -> Record | SweepRecord:
 
 
 @app.command()
-def show(file: options.ResultFile) -> None:
+def show(file: options.ResultFile, stability: options.Stability = False) -> None:
     """Summarise a result."""
-    _summarise(_loaded(file), file)
+    _summarise(record := _loaded(file), file)
+    if stability:
+        console.out.print(stability_line(record), markup=False)
 
 
 @app.command()

@@ -10,6 +10,10 @@ from .pictures import Picture
 # Several commands
 Scene = Annotated[str, typer.Argument(help="A scene file (TOML), or the name of a built-in scene.")]
 ResultFile = Annotated[Path, typer.Argument(help="A result file.")]
+Stability = Annotated[
+    bool,
+    typer.Option("--stability", help="Also compute whether disturbances of the last state grow, if it is steady."),
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 MaxTime = Annotated[
     str | None,

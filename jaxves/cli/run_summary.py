@@ -1,6 +1,6 @@
 """The text that `jaxves show` prints for a run: its status, its quantities and its error estimates.
 
-Nothing here imports JAX.
+Nothing here imports JAX, except for the line of `--stability`.
 """
 
 import tomllib
@@ -60,7 +60,8 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     if origin := record.attributes.get("started_from"):
         yield f"started from {origin} instead of the shapes of the scene"
     if kept := record.attributes.get("symmetry"):
-        yield f"kept symmetric {kept}, like its start: set `disturbance` to test whether this motion is stable"
+        yield f"kept symmetric {kept}, like its start"
+        yield f"`jaxves show {path} --stability` tests a steady state for stability; for others set `disturbance`"
         tables = tomllib.loads(record.scene)
         threshold = threshold_of(tables)
         if threshold is not None and tables["field"]["beta"] > threshold:
@@ -86,6 +87,13 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
     for name, value in (record.averages or {}).items():
         yield f"average {name}: {value.tolist()}"
+
+
+def stability_line(record: Record) -> str:
+    """Returns whether small disturbances of the last state grow, which takes seconds."""
+    from .stability_words import words
+
+    return words(record)
 
 
 def _missed_wrinkles(record: Record) -> str | None:
