@@ -19,6 +19,7 @@ from ..observables.shear_motion import Motion, is_sheared, motion_of
 from ..observables.wrinkles import missed_wrinkles
 from ..results.ownership import writer_of
 from ..results.run_store import Record
+from ..results.sweep_store import SweepRecord
 
 _SHOWN = (
     "deformation",
@@ -89,7 +90,7 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
         yield f"average {name}: {value.tolist()}"
 
 
-def stability_line(record: Record) -> str:
+def stability_line(record: Record | SweepRecord) -> str:
     """Returns whether small disturbances of the last state grow, which takes seconds."""
     from .stability_words import words
 
