@@ -1,6 +1,7 @@
 """How much faster are sums over many nodes by a local part and an FFT than direct sums?
 
-    python -m experiments.fast_sums          # table and figure, a few minutes
+    python -m experiments.fast_sums                # table and figure, a few minutes
+    python -m experiments.fast_sums --processes 200   # does any of 200 fresh processes hang? half an hour
 
 The nodes are those of ellipses on a square lattice, turned at random. Fast sums take the sizes that `MatrixFree` uses.
 `direct, jnp.log` is the direct sum with the logarithm of XLA, which version 0.1.0 used. Direct sums are timed for the
@@ -9,9 +10,16 @@ largest at these nodes, relative to the largest value. `build` makes lists, wind
 once per geometry; `velocity` and `gradient` are one sum each.
 
 What to expect: an error below the tolerance, and a time that grows a little faster than the number of nodes.
+
+The transforms of XLA use several threads, also within compiled loops. Each of the fresh processes has the default
+options of XLA, and solves systems with fast sums by GMRES within a scan. None must hang.
 """
 
+import argparse
+import os
 import statistics
+import subprocess
+import sys
 import time
 
 import jax
@@ -24,6 +32,7 @@ from jaxves.ewald.plans import plan_for
 from jaxves.ewald.sums import EwaldSums
 from jaxves.geometry.curve import Curve
 from jaxves.geometry.domain import Free
+from jaxves.numerics.linear import GMRES, LinearOperator
 from jaxves.plots import run_plots
 from jaxves.potentials import far
 
@@ -132,6 +141,41 @@ def row(M: int, N: int, tolerance: float, repeats: int) -> dict:
     }
 
 
+def solved_in_a_scan(M=16, N=64, systems=20) -> float:
+    """Solves f + S[f] = b for several b by GMRES in a scan; returns the largest residual."""
+    curves, f, _ = scene(M, N)
+    nothing = Excluded(jnp.zeros(1, int), jnp.zeros(1, int), None, jnp.zeros(1, bool))
+
+    @jax.jit
+    def residuals(curves, f):
+        sums = EwaldSums.of(curves.x, curves.weights, plan_for(M, N, 1e-6), Free(), nothing)
+
+        def one(b, _):
+            operator = LinearOperator(action=lambda v: v + 0.1 * sums.stokes(v.reshape(b.shape)).reshape(-1))
+            found = GMRES(1e-7).factor(operator).solve(b.reshape(-1)).reshaped(*b.shape)
+            return found.value, found.residual
+
+        return jax.lax.scan(one, f, length=systems)[1]
+
+    return float(jnp.max(residuals(curves, f)))
+
+
+def fresh_processes(count: int, limit=300.0) -> dict:
+    """Returns how many of `count` fresh processes ended within `limit` seconds, and the longest time of these."""
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    seconds, hung = [], 0
+    for _ in range(count):
+        start = time.perf_counter()
+        command = [sys.executable, "-m", "experiments.fast_sums", "--one"]
+        try:
+            subprocess.run(command, check=True, capture_output=True, timeout=limit, env=environment)
+        except subprocess.TimeoutExpired:
+            hung += 1
+        else:
+            seconds.append(time.perf_counter() - start)
+    return {"processes": count, "ended": len(seconds), "hung": hung, "longest": max(seconds, default=None)}
+
+
 def run(sizes=SIZES, tolerances=TOLERANCES, N=64, repeats=5) -> list[dict]:
     """Returns one row for each number of vesicles and tolerance."""
     return [row(M, N, tolerance, repeats) for tolerance in tolerances for M in sizes]
@@ -168,6 +212,18 @@ def report(rows) -> None:
 
 
 def main():
+    parser = argparse.ArgumentParser(prog="python -m experiments.fast_sums", description=__doc__.splitlines()[0])
+    parser.add_argument("--processes", type=int, help="count fresh processes that hang")
+    parser.add_argument("--one", action="store_true", help="what each of these does")
+    wanted = parser.parse_args()
+    if wanted.one:
+        print(solved_in_a_scan())
+        return
+    if wanted.processes is not None:
+        found = fresh_processes(wanted.processes)
+        print(found)
+        store("fast_sums", found, "processes")
+        return
     rows = run()
     report(rows)
     store("fast_sums", rows)
