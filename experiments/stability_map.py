@@ -215,24 +215,27 @@ _WRONG = "#f2a3a3"
 
 
 @styled
-def draw(found: list[dict], columns=10) -> Figure:
-    """Draws a tile for each scene with its error or its status: one row for each model, and rows of chosen scenes."""
-    rows = collections.defaultdict(list)
+def draw(found: list[dict], columns=6) -> Figure:
+    """Draws a tile for each scene with its name, and its error or its status."""
+    groups = {"chosen": [], "random": []}
     for case in found:
-        number, _, label = case["name"].partition(" ")
-        rows[label if number.isdigit() else "chosen"].append(case)
-    tiles = [(label, cases[i : i + columns]) for label, cases in rows.items() for i in range(0, len(cases), columns)]
-    figure = Figure(figsize=(run_plots.PAGE, 0.19 * len(tiles) + 0.1))
+        groups["random" if case["name"].split(" ")[0].isdigit() else "chosen"].append(case)
+    rows = sum(-(-len(cases) // columns) for cases in groups.values())
+    figure = Figure(figsize=(run_plots.PAGE, 0.3 * rows + 0.4))
     axes = figure.subplots()
-    for y, (label, cases) in enumerate(tiles):
-        if y == 0 or tiles[y - 1][0] != label:
-            axes.text(-0.1, y + 0.5, label, fontsize=5.5, ha="right", va="center")
-        for x, case in enumerate(cases):
+    y = 0.0
+    for group, cases in groups.items():
+        axes.text(0, y + 0.3, group, fontsize=7, weight="bold", va="center")
+        y += 0.6
+        for i, case in enumerate(cases):
+            x, row = i % columns, y + i // columns
             color = _COLORS.get(case["verdict"], _WRONG)
-            axes.add_patch(Rectangle((x + 0.02, y + 0.05), 0.96, 0.9, color=color, lw=0))
+            axes.add_patch(Rectangle((x + 0.02, row + 0.04), 0.96, 0.92, color=color, lw=0))
             told = f"{case['error']:.0e}" if case["verdict"] in ("right", "as stated", "wrong") else case["word"]
-            axes.text(x + 0.5, y + 0.5, told, fontsize=4.5, ha="center", va="center")
-    axes.set(xlim=(-3.6, columns), ylim=(len(tiles), 0))
+            axes.text(x + 0.5, row + 0.32, case["name"], fontsize=5, ha="center", va="center")
+            axes.text(x + 0.5, row + 0.72, told, fontsize=5, ha="center", va="center", weight="bold")
+        y += -(-len(cases) // columns)
+    axes.set(xlim=(0, columns), ylim=(y, 0))
     axes.set_axis_off()
     return figure
 
