@@ -1,5 +1,7 @@
 """Rotation of a circular vesicle by its own charge, against closed forms: steady turning, and when rest is unstable."""
 
+import json
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from experiments._common import HERE
+from experiments.rotor import growth
 from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import shapes
@@ -145,3 +149,17 @@ def test_beyond_the_threshold_a_circle_turns_by_itself_with_the_speed_of_the_clo
     turning, rates, _ = on_circle(beta, 1e-9, *case, Q, W)
     np.testing.assert_allclose(turning, omega, rtol=1e-7)
     np.testing.assert_allclose(rates, 0.0, atol=1e-6 * omega)
+
+
+def test_the_growth_of_stored_runs_is_that_of_the_linear_theory():
+    rows = json.loads((HERE / "data" / "rotor.json").read_text())["data"]["alone"]
+    grown = {beta: (row["growth"], row["rates"][0][0]) for beta, row in rows.items() if row["rates"][0][0] > 0}
+    assert len(grown) == 3 and rows["0.8"]["rates"][0][0] < 0
+    for measured, rate in grown.values():
+        np.testing.assert_allclose(measured, rate, rtol=1e-3)
+
+
+def test_growth_is_read_from_the_times_at_which_a_value_is_small():
+    t = np.linspace(0, 8, 400)
+    np.testing.assert_allclose(growth(t, np.tanh(1e-6 * np.exp(3 * t))), 3.0, rtol=1e-4)
+    assert np.isnan(growth(t, np.full(400, 1e-9)))
