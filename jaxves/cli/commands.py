@@ -18,8 +18,6 @@ from ..inputs.template import TEMPLATE
 from ..results import run_store, sweep_store
 from ..results.hdf5 import StoreError
 from ..results.ownership import refuse_written
-from ..results.run_store import Record
-from ..results.sweep_store import SweepRecord
 from ..runs import continuation
 from . import console, interrupts, long_runs, options, pictures, sweep_summary
 from .run_summary import derivatives, stability_line, summary
@@ -150,13 +148,13 @@ def _limit(max_time: str | None) -> float | None:
         raise console.refused(f"--max-time = {max_time}, expected {interrupts.WANTED}.") from None
 
 
-def _summarise(record: Record | SweepRecord, path: Path) -> None:
-    told = sweep_summary.summary if isinstance(record, SweepRecord) else summary
+def _summarise(record: run_store.Record | sweep_store.SweepRecord, path: Path) -> None:
+    told = sweep_summary.summary if isinstance(record, sweep_store.SweepRecord) else summary
     for part in told(record, path):
         console.out.print(part, markup=False)
 
 
-def _loaded(path: Path) -> Record | SweepRecord:
+def _loaded(path: Path) -> run_store.Record | sweep_store.SweepRecord:
     try:
         return sweep_store.read_sweep(path) if sweep_store.is_sweep(path) else run_store.read_result(path)
     except StoreError as error:
@@ -182,7 +180,7 @@ def plot(
 ) -> None:
     """Draw figures of a result, such as FILE-snapshots.png."""
     record, stem = _loaded(file), out or file.with_suffix("")
-    if isinstance(record, SweepRecord):
+    if isinstance(record, sweep_store.SweepRecord):
         pictures.of_sweep(record, file, what, quantity, stem, force)
     else:
         pictures.of_run(record, file, what, at, stem, force)
@@ -194,7 +192,7 @@ def export(file: options.ResultFile, out: options.ExportOut, force: options.Forc
     record = _loaded(file)
     if out.suffix not in (".csv", ".pvd"):
         raise console.refused(f"--out = {out}, expected a name that ends in .csv or .pvd.")
-    if out.suffix == ".pvd" and isinstance(record, SweepRecord):
+    if out.suffix == ".pvd" and isinstance(record, sweep_store.SweepRecord):
         raise console.refused(f"--out = {out}, expected a name that ends in .csv: {file} is the file of a sweep.")
     console.refuse_existing([out], force)
     try:
