@@ -219,11 +219,9 @@ def check_grad(
     from ..analysis import gradcheck
 
     with console.err.status("running") as said:
+        progress = lambda i, count, text: said.update(text)  # noqa: E731
         try:
-            checked = gradcheck.check_gradients(
-                scene_file, t_end, steps, progress=lambda i, count, text: said.update(text)
-            )
-            rows = list(checked)
+            rows = list(gradcheck.check_gradients(scene_file, t_end, steps, progress=progress))
         except gradcheck.BrokenDown as word:
             console.say(
                 f"the run to be differentiated ends as {word}: use more nodes, more --steps or a smaller --t-end."
