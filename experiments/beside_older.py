@@ -1,7 +1,7 @@
 """Is this version as cheap as an older one?
 
     git worktree add ../older v0.1.0
-    python -m experiments.beside_older ../older      # any other checkout of this repository; about ten minutes
+    python -m experiments.beside_older ../older      # any other checkout of this repository; twenty minutes
 
 Both versions compile the same runs, as users start them: adaptive steps with the default tolerance. Each has its own
 process, and uses functions that both have. Then they take turns, one run of each after the other, so that a busy

@@ -5,6 +5,9 @@ A `Scalar` is an array without axes. Constructors convert Python numbers to such
 physical number can be differentiated and batched.
 """
 
+import functools
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -35,9 +38,16 @@ def optional_float(value) -> Float[Array, "..."] | None:
 def staged(constant: np.ndarray) -> Array:
     """Wraps a constant in `jit`, so that `jax.checkpoint` recomputes it instead of storing it.
 
-    A plain constant would be stored for the backward pass, one copy for each branch of a `lax.switch`.
+    A plain constant would be stored for the backward pass, one copy for each branch of a `lax.switch`. Equal constants
+    share one function, so that a program contains them once.
     """
-    return jax.jit(lambda: jnp.asarray(constant))()
+    constant = np.ascontiguousarray(constant)
+    return _staged(constant.shape, constant.dtype.str, constant.tobytes())()
+
+
+@functools.lru_cache(maxsize=128)
+def _staged(shape: tuple[int, ...], dtype: str, data: bytes) -> Callable[[], Array]:
+    return jax.jit(lambda: jnp.asarray(np.frombuffer(data, dtype).reshape(shape)))
 
 
 def require_x64() -> None:

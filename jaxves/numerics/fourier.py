@@ -209,7 +209,8 @@ def coefficients(f: Float[Array, "N *rest"]) -> tuple[Float[Array, "k *rest"], F
     transform = np.fft.rfft(np.eye(N), axis=0)
     k = wavenumbers(N)
     weight = np.where((k == 0) | (k == N // 2), 1.0, 2.0)[:, None] / N
-    return jnp.tensordot(weight * transform.real, f, 1), jnp.tensordot(-weight * transform.imag, f, 1)
+    cosine, sine = staged(weight * transform.real), staged(-weight * transform.imag)
+    return jnp.tensordot(cosine, f, 1), jnp.tensordot(sine, f, 1)
 
 
 def series(modes: tuple[Float[Array, "k *rest"], Float[Array, "k *rest"]], alpha: Float[Array, "P"]):
