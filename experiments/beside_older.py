@@ -5,7 +5,8 @@
 
 Both versions compile the same runs, as users start them: adaptive steps with the default tolerance. Each has its own
 process, and uses functions that both have. Then they take turns, one run of each after the other, so that a busy
-machine slows both alike. A run has one saved time besides the start, and its time is divided by its number of steps.
+machine slows both alike. This is repeated with new processes, because two processes with the same program can differ
+by 5 %. A run has one saved time besides the start, and its time is divided by its number of steps.
 "memory" is the most that is in use at one time, as XLA reports it. "buffers" is the area that it reserves for all
 intermediate values, which also has gaps.
 
@@ -22,10 +23,10 @@ from pathlib import Path
 
 import numpy as np
 
-TURNS = 30
+PROCESSES, TURNS = 5, 6  # pairs of processes for each scene, and runs of each process
 LENGTHS = {"pop": 1.0, "circulation": 0.1, "sheared field": 1.0, "64 vesicles": 1e-4}  # t_end
 COUNTS = ("equations", "flops", "bytes", "memory", "buffers")
-QUICK = {"turns": 3, "lengths": {"pop": 1e-3}}
+QUICK = {"processes": 1, "turns": 3, "lengths": {"pop": 1e-3}}
 
 # What runs in each process: scenes by functions that all versions have; one line in, one line out.
 WORKER = """
@@ -88,31 +89,35 @@ def process(folder: Path, name: str, t_end: float) -> subprocess.Popen:
     )  # fmt: skip
 
 
-def compared(older: Path, name: str, turns: int, t_end: float) -> dict:
-    """{of each version: equations, flops, bytes, memory, buffers, compile, steps}, and the ratio of times per step."""
+def compared(older: Path, name: str, processes: int, turns: int, t_end: float) -> dict:
+    """{of each version: equations, flops, bytes, memory, buffers, compile, steps}, and the ratio of times per step.
+
+    The interval is for the median of the ratios of all processes, which are drawn again as a whole.
+    """
     folders = {"older": older.resolve(), "this": Path(__file__).resolve().parents[1]}
-    found, running = {}, {}
-    for version, folder in folders.items():
-        running[version] = process(folder, name, t_end)
-        found[version] = json.loads(running[version].stdout.readline())
-    seconds = {version: [] for version in folders}
-    for _ in range(turns):
-        for version, worker in running.items():
-            print("run", file=worker.stdin, flush=True)
-            seconds[version].append(float(worker.stdout.readline()))
-    for worker in running.values():
-        worker.communicate()
-    ratios = np.array(seconds["this"]) / np.array(seconds["older"])
-    draws = np.random.default_rng(0).choice(ratios, (4000, len(ratios)))
-    low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
+    found, ratios, seconds = {}, [], {version: [] for version in folders}
+    for _ in range(processes):
+        running = {version: process(folder, name, t_end) for version, folder in folders.items()}
+        found = {version: json.loads(worker.stdout.readline()) for version, worker in running.items()}
+        for _ in range(turns):
+            for version, worker in running.items():
+                print("run", file=worker.stdin, flush=True)
+                seconds[version].append(float(worker.stdout.readline()))
+        for worker in running.values():
+            worker.communicate()
+        ratios.append(np.array(seconds["this"][-turns:]) / np.array(seconds["older"][-turns:]))
+    ratios = np.array(ratios)
+    draws = np.random.default_rng(0).integers(processes, size=(4000, processes))
+    low, high = np.quantile(np.median(ratios[draws].reshape(len(draws), -1), axis=1), [0.025, 0.975])
     for version in folders:
         found[version]["step"] = float(np.median(seconds[version]))
-    return found | {"ratio": float(np.median(ratios)), "interval": [float(low), float(high)]}
+    each = np.median(ratios, axis=1).tolist()
+    return found | {"ratio": float(np.median(ratios)), "interval": [float(low), float(high)], "of processes": each}
 
 
-def run(older=Path(__file__).parents[1], lengths=None, turns=TURNS) -> dict:
+def run(older=Path(__file__).parents[1], lengths=None, processes=PROCESSES, turns=TURNS) -> dict:
     """{scene: what `compared` found} for runs of these lengths; without `older` this version beside itself."""
-    return {name: compared(Path(older), name, turns, t_end) for name, t_end in (lengths or LENGTHS).items()}
+    return {name: compared(Path(older), name, processes, turns, t_end) for name, t_end in (lengths or LENGTHS).items()}
 
 
 def main():

@@ -54,6 +54,7 @@ TARGETS = {
 METHODS = ("COBYQA", "Nelder-Mead")
 TOLERANCE = 1e-3  # relative, of the target
 FIRST = 0.5  # first change of a value in these searches, as in `steer`
+STEPS = 4  # fixed steps between two saved times, to check gradients
 MOST_RUNS = 120  # of a search without derivatives
 ADAPTIVE = jaxves.Adaptive(recorded=512)
 QUICK = dict(names=("inclination",), N=24, knots=4, evaluations=2, march=jaxves.Fixed(2), runs=12)
@@ -117,13 +118,11 @@ class Search(NamedTuple):
 def slope_error(search: Search, values: np.ndarray, h=2e-3) -> float:
     """Returns the relative difference of the slope along the gradient from differences of fourth order.
 
-    It is taken beside the values that were found, where the gradient is not zero. Adaptive steps get the tolerance
-    1e-7, because a gradient belongs to the steps of one run, and differences see how these steps change.
+    It is taken beside the values that were found, where the gradient is not zero. Steps are fixed: a gradient belongs
+    to the steps of one run, and with adaptive steps differences also see how the steps change.
     """
-    beside, march = values + 0.02, search.controlled.march
-    if isinstance(march, jaxves.Adaptive):
-        march = dataclasses.replace(march, tolerance=1e-7)
-        search = search._replace(controlled=dataclasses.replace(search.controlled, march=march))
+    beside = values + 0.02
+    search = search._replace(controlled=dataclasses.replace(search.controlled, march=jaxves.Fixed(STEPS)))
     gradient = search.with_gradient(beside)[1]
     along = gradient / np.max(np.abs(gradient))
     two_before, before, after, two_after = (
