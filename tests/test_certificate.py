@@ -28,5 +28,14 @@ def test_the_balance_of_powers_is_measured_by_the_greatest_of_them():
     assert abs(links["energy"].value - 2.5e-3) < 1e-12 and weakest(links) == "energy"
 
 
+def test_at_rest_the_balance_is_measured_by_the_bending_energy():
+    """Two nearly equal powers of a vesicle that does not move have no common digit, and do not need one."""
+    energy, rest = np.full((3, 1), 4.0), {"dissipation": np.full(3, 1e-5), "power_flow": np.full(3, 7e-6)}
+    links = certificate(diagnostics(bending_energy=energy, power_balance=np.full(3, 3e-6), **rest))
+    assert links["energy"].digits > 2
+    links = certificate(diagnostics(bending_energy=energy, power_balance=np.full(3, 1e-3), **rest))
+    assert links["energy"].digits < 1
+
+
 def test_what_is_not_a_number_is_the_weakest_link():
     assert weakest(certificate(diagnostics(residual=np.array([0.0, np.nan, 0.0])))) == "solves"

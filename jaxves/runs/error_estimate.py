@@ -18,7 +18,7 @@ difference from this run is then the estimate.
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -83,6 +83,7 @@ def estimated_error(
     `rows(i)` returns the row of saved time i of `times`; row 0 is the start. The result is infinite if every second run
     breaks down.
     """
+    rows = lru_cache(maxsize=1)(rows)  # a row is asked for several times, one after the other, and comes from a file
     estimate = math.inf
     order = resolution.first.march.stepper.order
     for second in _COARSER:
