@@ -74,7 +74,7 @@ class Work:
         options = {"times": np.arange(9.0), "vesicles": 1, "nodes": 8, "datasets": datasets}
         with run_writer.Writer(path, scene_text="", attributes={}, **options) as writer:
             with contextlib.suppress(KeyboardInterrupt):
-                self.forever(lambda: progress(0.5, "half"))
+                self.forever(lambda: progress(0.5, 1.0, "half"))
             self.at_the_end()
             writer.finish("interrupted", "advice", 1.0)
         self.ended += 1
