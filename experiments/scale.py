@@ -6,7 +6,9 @@
 A suspension has ellipses (Δ = 0.9) at random places and angles in a periodic cell, at an area fraction of 0.3 and with
 gaps of at least 0.05. Gaps below 5.5 node spacings use close evaluation. A step is a complete step of ARK4 in a field:
 the linear part, six F with their coupled solves for charge and tension, implicit solves and the projection. Sums are as
-accurate as in a run with the tolerance 1e-4. Every size runs in its own process, which reports its peak memory. Times
+accurate as in a run with the tolerance 1e-4.
+
+Every size runs in its own process, which reports its peak memory. Times
 are compared with the step of one vesicle in the same process, in elapsed time and in processor time.
 
 A few vesicles on a lattice in the plane, whose circumscribed circles are 0.2 apart, show the cost of a pair and of the

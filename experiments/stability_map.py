@@ -7,15 +7,18 @@ Scenes of all models are run as by `jaxves run`: steady, alternating and pulsed 
 viscosities, relaxing charge, pairs and periodic cells. Some are chosen at the ends of the parameters. Others are drawn
 at random, with numbers over their whole ranges (`_all_models.py`). A second run has more nodes and 0.04 times the
 tolerance. The error is the largest distance of any node, in a, or difference of V_m, relative to its largest value
-where that exceeds 1, over all saved times. The verdicts are
+where that exceeds 1, over all saved times.
 
-- right: the run is complete and its error is at most 1e-3;
-- as stated: the error is larger, and at most ten times what the run states, or the run itself ends as inaccurate;
-- stopped: the run ends with a status that says why. Then it is made again with twice the nodes, which is the cure if
-  this run is complete;
-- slow: the run takes more than 100 s of CPU time, most of it for compilation;
-- unchecked: the run is complete, and the second run is not;
-- wrong: everything else, as a larger error, a value that is not finite, or an exception.
+| verdict | meaning |
+|---|---|
+| right | the run is complete and its error is at most 1e-3 |
+| as stated | the error is larger, and at most ten times what the run states, or the run itself ends as inaccurate |
+| stopped | the run ends with a status that says why |
+| slow | the run takes more than 100 s of CPU time, most of it for compilation |
+| unchecked | the run is complete, and the second run is not |
+| wrong | everything else, as a larger error, a value that is not finite, or an exception |
+
+A stopped run is made again with twice the nodes. They are the cure if this run is complete.
 
 What to expect: nothing is wrong. At least 80 % of all scenes are right, and 90 % of those within the limits that the
 documentation states.

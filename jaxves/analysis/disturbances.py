@@ -1,7 +1,7 @@
 r"""Small disturbances of a steady state of one vesicle: their rates, those left out, the symmetries that they break.
 
 A disturbance z = (h, w) moves the outline by h along the normal, and changes the scalars on it, such as V_m, by w.
-Outline and scalars of a steady state do not change (`steady`), so that to first order
+Outline and scalars of a steady state do not change (`steady`). To first order therefore
 
     dz/dt = L z,     L = ∂(normal velocity, rates of the scalars at fixed places on the outline)/∂(h, w)
 
