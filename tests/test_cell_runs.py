@@ -95,8 +95,6 @@ def test_what_a_cell_does_not_support_is_refused():
     ellipse, cell = shapes.ellipse(N, 0.9), Cell.of(CELL)
     with pytest.raises(ValueError, match=r"Scene\.flow = .*, expected Shear or None"):
         make_scene(ellipse, flow=Extension(1.0), cell=cell)
-    with pytest.raises(ValueError, match=r"Scene\.viscosity_ratio = .*, expected None in a periodic cell"):
-        make_scene(ellipse, viscosity_ratio=2.0, cell=cell)
     with pytest.raises(ValueError, match=r"charge_relaxation = .*, expected None in a periodic cell"):
         make_scene(ellipse, field=dc_field(3.2, charge_relaxation=0.01, **FIELD), cell=cell)
     with pytest.raises(ValueError, match=r"averaged = True, expected an AC field that is not averaged"):

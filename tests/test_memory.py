@@ -21,6 +21,9 @@ def test_sums_grow_like_the_number_of_vesicles_and_matrices_like_its_square():
     cell = Cell.of([[1.0, 0.0], [0.0, 1.0]])
     for coupling, domain in ((MatrixFree(), Free()), (coupling_in_cell(), cell)):
         assert 3.8 < needed(1024, coupling, domain=domain) / needed(256, coupling, domain=domain) < 4.2
+        less = needed(64, coupling, domain=domain)
+        more = bytes_of_step(64, 64, coupling, domain, electric=True, contrast=True)
+        assert 1.2 < more / less < 2.0
     pairs = Pairwise(direct=True)
     assert 14 < needed(256, pairs) / needed(64, pairs) < 16.1
     assert needed(1, None) < needed(2, pairs)

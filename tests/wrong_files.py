@@ -109,10 +109,6 @@ OF_SCENE = {
         '[cell]\nlattice = [[8.0, 1.0], [0.0, 8.0]]\n[flow]\nkind = "shear"\ncapillary_number = 1.0',
         "cell.lattice.*along x",
     ),
-    "two viscosities in a cell": (
-        "[cell]\nlattice = [[8.0, 0.0], [0.0, 8.0]]\n[fluid]\nviscosity_ratio = 2.0",
-        "fluid.viscosity_ratio = 2.0",
-    ),
     "a field that is averaged in a cell": (
         "[cell]\nlattice = [[8.0, 0.0], [0.0, 8.0]]\n"
         + FIELD

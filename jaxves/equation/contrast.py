@@ -115,8 +115,9 @@ class ContrastResponse(AbstractResponse):
         def action(c):
             return c - self._at_others(*own(c.reshape(given.shape))).reshape(-1)
 
-        operator = linear.LinearOperator(action=action)
-        solution = linear.GMRES().factor(operator).solve(self._at_others(*own(given)).reshape(-1))
+        solver = linear.GMRES(self.surfaces.interactions.tolerance())
+        factored = solver.factor(linear.LinearOperator(action=action))
+        solution = factored.solve(self._at_others(*own(given)).reshape(-1))
         return *own(given + solution.value.reshape(given.shape)), solution
 
     def _alone(

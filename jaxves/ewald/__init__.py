@@ -7,5 +7,6 @@ plans           sizes of grids and lists, chosen before compilation from a toler
 lists           which clusters of nodes are closer to one another than r_c
 mesh            nodes to a grid and back
 multipliers     the smooth kernels on the grid: in the plane and in a periodic cell
-sums            the sums
+sums            the sums of single layers
+stresslets      the sum of the Stokes double layer
 """

@@ -53,6 +53,10 @@ class Multipliers(eqx.Module):
         """Returns the smooth S on the grid from charges on it."""
         return self._back(self.potential * self._forth(grid), grid.shape)
 
+    def on_stresslets(self, kernel: Float[Array, "2 3 K L"], grid: Float[Array, "3 n1 n2"]) -> Float[Array, "2 n1 n2"]:
+        """Returns the smooth velocity of a double layer on the grid, with its multipliers `kernel`."""
+        return self._back(1j * jnp.sum(kernel * self._forth(grid), axis=1), grid.shape)
+
     def _forth(self, grid) -> Complex[Array, "k K L"]:
         return jnp.fft.rfft2(grid, s=self.size)
 
@@ -63,10 +67,7 @@ class Multipliers(eqx.Module):
 def periodic(plan: Plan, lattice: Float[Array, "2 2"], r_c: Scalar) -> Multipliers:
     """Returns the multipliers of a cell. `lattice` has the vectors as rows, and r_c is that of `cut_off`."""
     (n1, n2), accuracy = plan.grid, plan.accuracy
-    m1, m2 = np.fft.fftfreq(n1, 1 / n1)[:, None], np.arange(n2 // 2 + 1.0)
-    (ax, ay), (bx, by) = lattice
-    area = ax * by - ay * bx
-    kx, ky = (2 * np.pi / area) * (by * m1 - ay * m2), (2 * np.pi / area) * (ax * m2 - bx * m1)
+    kx, ky, area = _modes(plan, lattice)
     k2 = kx**2 + ky**2
     safe = k2.at[0, 0].set(1.0)
     gamma, stokes = splitting.blob_transforms(k2 * r_c**2, accuracy)
@@ -82,30 +83,80 @@ def periodic(plan: Plan, lattice: Float[Array, "2 2"], r_c: Scalar) -> Multiplie
     )
 
 
+def _modes(plan: Plan, lattice: Float[Array, "2 2"]):
+    """Returns both components of k, and the area of the cell."""
+    n1, n2 = plan.grid
+    m1, m2 = np.fft.fftfreq(n1, 1 / n1)[:, None], np.arange(n2 // 2 + 1.0)
+    (ax, ay), (bx, by) = lattice
+    area = ax * by - ay * bx
+    return (2 * np.pi / area) * (by * m1 - ay * m2), (2 * np.pi / area) * (ax * m2 - bx * m1), area
+
+
 def free(plan: Plan) -> Multipliers:
     """Returns the multipliers of the plane, for a grid with spacing 1."""
     n, _ = plan.grid
     return Multipliers(*(staged(part) for part in _sampled(n, plan.accuracy)), (2 * n, 2 * n))
 
 
-@functools.lru_cache(maxsize=4)
-def _sampled(n: int, accuracy: Accuracy) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def stresslets_in_cell(base: Multipliers, plan: Plan, lattice: Float[Array, "2 2"]) -> Float[Array, "2 3 K L"]:
+    """Returns the multipliers of the double layer in a cell from those of G and S, without i.
+
+    They are from n_x u_x, n_x u_y + n_y u_x and n_y u_y to both components of the velocity. The mode k = 0 is left out.
+    """
+    kx, ky, _ = _modes(plan, lattice)
+    (gx, gy), (xx, xy, yy) = base.gradient, base.stokes
+    rows = [
+        [-gx - 2 * kx * xx, -kx * xy - ky * xx, -gx - 2 * ky * xy],
+        [-gy - 2 * kx * xy, -kx * yy - ky * xy, -gy - 2 * ky * yy],
+    ]
+    return jnp.stack([jnp.stack(row) for row in rows])
+
+
+def stresslets_free(plan: Plan) -> Float[Array, "2 3 K L"]:
+    """Returns the same multipliers of the plane, for a grid with spacing 1."""
+    n, _ = plan.grid
+    return staged(_sampled_stresslets(n, plan.accuracy))
+
+
+def _places(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Returns x, y and r² at the samples, and the smooth cut-off."""
     from scipy.special import erfc  # every run imports this file, and few need sums in the plane
 
     place = np.fft.fftfreq(4 * n, 1 / (4 * n))
     x, y = place[:, None], place[None, : 2 * n + 1]  # only half of the grid: all kernels are even or odd in y
     r2 = x**2 + y**2
-    A, B = splitting.smooth_on_host(r2, 2 * accuracy.shape / np.pi, accuracy)
     middle, steepness = 0.5 * (np.sqrt(2) + 2) * n, 10 / ((2 - np.sqrt(2)) * n)
-    cut = 0.5 * erfc(steepness * (np.sqrt(r2) - middle))
+    return x, y, r2, 0.5 * erfc(steepness * (np.sqrt(r2) - middle))
+
+
+@functools.lru_cache(maxsize=4)
+def _sampled(n: int, accuracy: Accuracy) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    x, y, r2, cut = _places(n)
+    A, B = splitting.smooth_on_host(r2, 2 * accuracy.shape / np.pi, accuracy)
     A, B = A * cut, B * cut
     xx = _multiplier(A + B * x**2, n, accuracy, 1, 1)
     xy = _multiplier(B * x * y, n, accuracy, -1, -1)
     gx = _multiplier(-2 * B * x, n, accuracy, -1, 1)
     potential = _multiplier(2 * (A + B * r2) - cut / (2 * np.pi), n, accuracy, 1, 1)
     # xx and gx are even in k_y; yy and gy are the same with the axes exchanged
-    yy, gy = (np.concatenate([part, part[:, -2:0:-1]], axis=1).T[:, : n + 1] for part in (xx, gx))
+    yy, gy = (_exchanged(part, 1) for part in (xx, gx))
     return np.stack([xx, xy, yy]), np.stack([gx, gy]), potential
+
+
+@functools.lru_cache(maxsize=4)
+def _sampled_stresslets(n: int, accuracy: Accuracy) -> np.ndarray:
+    x, y, r2, cut = _places(n)
+    C, Q = (part * cut for part in splitting.smooth_stresslet_on_host(r2, 2 * accuracy.shape / np.pi, accuracy))
+    xxx = _multiplier(x * (2 * C + Q * x**2), n, accuracy, -1, 1)
+    xxy = _multiplier(y * (C + Q * x**2), n, accuracy, 1, -1)
+    xyy = _multiplier(Q * x * y**2, n, accuracy, -1, 1)
+    rows = [[xxx, xxy, xyy], [_exchanged(xyy, 1), _exchanged(xxy, -1), _exchanged(xxx, 1)]]
+    return np.stack([np.stack(row) for row in rows])
+
+
+def _exchanged(part: np.ndarray, in_y: int) -> np.ndarray:
+    """Returns a multiplier (2n, n + 1) that is even (1) or odd (-1) in k_y with the axes exchanged."""
+    return np.concatenate([part, in_y * part[:, -2:0:-1]], axis=1).T[:, : part.shape[1]]
 
 
 def _multiplier(half: np.ndarray, n: int, accuracy: Accuracy, in_x: int, in_y: int) -> np.ndarray:

@@ -22,6 +22,13 @@ class Accuracy(NamedTuple):
     width: int
     degree: int
 
+    def for_double_layer(self) -> "Accuracy":
+        """Returns the accuracy with which sums of the Stokes double layer have an error below the same `tolerance`.
+
+        Its kernel has one derivative more than the single layer, so the end of the blob's transform matters more.
+        """
+        return self._replace(shape=self.shape + 3, degree=self.degree + 2)
+
 
 ACCURACIES = (
     Accuracy(1e-4, 12.0, 6, 10),
@@ -63,17 +70,20 @@ class Plan(NamedTuple):
         return -(-most // CHUNK) * CHUNK
 
 
-def accuracy_for(tolerance: float) -> Accuracy:
-    """Returns the cheapest accuracy with an error below `tolerance`; raises ValueError below 1e-12."""
+def accuracy_for(tolerance: float, *, contrast: bool = False) -> Accuracy:
+    """Returns the cheapest accuracy with an error below `tolerance`; raises ValueError below 1e-12.
+
+    `contrast` includes sums of the Stokes double layer.
+    """
     for known in ACCURACIES:
         if known.tolerance <= tolerance * (1 + 1e-12):
-            return known
+            return known.for_double_layer() if contrast else known
     raise refusal("tolerance", tolerance, "a relative error of at least 1e-12")
 
 
-def plan_for(M: int, N: int, tolerance: float) -> Plan:
+def plan_for(M: int, N: int, tolerance: float, *, contrast: bool = False) -> Plan:
     """Returns the plan for M vesicles of N nodes that fill a square box about evenly."""
-    accuracy = accuracy_for(tolerance)
+    accuracy = accuracy_for(tolerance, contrast=contrast)
     side = math.sqrt(M)
     cells = 2 * accuracy.shape / math.pi * side / _REACH
     n = fast_size(math.ceil(cells) + accuracy.width + 3)
@@ -84,12 +94,12 @@ def plan_for(M: int, N: int, tolerance: float) -> Plan:
     return Plan(accuracy, (n, n), patch, cluster, vesicles, room, average=2 * N // cluster + 8)
 
 
-def plan_in_cell(M: int, N: int, tolerance: float, aspect: float) -> Plan:
+def plan_in_cell(M: int, N: int, tolerance: float, aspect: float, *, contrast: bool = False) -> Plan:
     """Returns the plan for M vesicles of N nodes that fill a periodic cell about evenly.
 
     `aspect` is the length of its first vector over that of the second. The cell may be sheared by up to a half.
     """
-    accuracy = accuracy_for(tolerance)
+    accuracy = accuracy_for(tolerance, contrast=contrast)
     side = math.sqrt(M)
     cells = 2 * accuracy.shape / math.pi * side / _REACH_IN_CELL
     grid = tuple(

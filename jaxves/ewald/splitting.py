@@ -12,6 +12,13 @@ Every kernel has the form A δ_ab + B r_a r_b for Stokes, and -2 B r_a for ∇G.
     smooth       4π A = 1 - log r_c - H - t E      4π B = E/r_c²                      for t < 1
                  4π A = -log r                     4π B = 1/r²                        for t ≥ 1
 
+The kernel of the Stokes double layer is K_abc n_b u_c with K_abc = -δ_bc ∂_a G - ∂_c S_ab - ∂_b S_ac. Its parts follow
+from those of G and S and have the form C (r_c δ_ab + r_b δ_ac) + Q r_a r_b r_c:
+
+    local        4π C = -2 (E + t E')/r_c²         4π Q = 4/r⁴ + 4 E'/r_c⁴            zero for t ≥ 1
+    smooth       4π C = 2 (E + t E')/r_c²          4π Q = -4 E'/r_c⁴                  for t < 1
+                 4π C = 0                          4π Q = 4/r⁴                        for t ≥ 1
+
 In Fourier space the smooth parts are γ/k² for G and (1 - kk/k²)(γ - ½ κ γ')/k² for Stokes. This is Hasimoto's form [H]
 for any blob. Beyond κ = c the transform is below the tolerance. The root of R at t = 1 has the size c/sinh c, so that a
 polynomial misses it only by the tolerance.
@@ -31,7 +38,7 @@ from ..numerics.arrays import Scalar
 from ..numerics.logarithm import log
 from .plans import Accuracy
 
-Kernel = tuple[Float[Array, "*pairs"], Float[Array, "*pairs"]]  # A and B
+Kernel = tuple[Float[Array, "*pairs"], Float[Array, "*pairs"]]  # A and B, or C and Q
 _SAMPLES = 100  # Chebyshev points at which E is sampled
 _SINE = [1 / math.factorial(2 * k + 1) for k in range(8, -1, -1)]
 _CHANGE = [2 * k / math.factorial(2 * k + 1) for k in range(9, 0, -1)]
@@ -95,6 +102,50 @@ def smooth_on_host(r2: np.ndarray, r_c: float, accuracy: Accuracy) -> tuple[np.n
     A = np.where(inside, 1 - np.log(r_c) - H - t * E, -0.5 * np.log(outer))
     B = np.where(inside, E / r_c**2, 1 / outer)
     return A / (4 * np.pi), B / (4 * np.pi)
+
+
+def local_stresslet(r2: Float[Array, "*pairs"], r_c: Scalar, accuracy: Accuracy) -> Kernel:
+    """Returns C and Q of the local part, which are zero at r = 0 and for r ≥ r_c."""
+    t = r2 / r_c**2
+    inside = (t < 1) & (t > 0)
+    t = jnp.where(inside, t, 0.5)
+    C, Q = _smooth_stresslet(t, accuracy)
+    scale = 1 / (4 * np.pi * r_c**2)
+    return jnp.where(inside, -C * scale, 0.0), jnp.where(inside, (4 / t**2 - Q) * (scale / r_c**2), 0.0)
+
+
+def smooth_stresslet(r2: Float[Array, "*pairs"], r_c: Scalar, accuracy: Accuracy) -> Kernel:
+    """Returns C and Q of the smooth part at any distance, zero included."""
+    t = r2 / r_c**2
+    inside = t < 1
+    C, Q = _smooth_stresslet(jnp.where(inside, t, 0.5), accuracy)
+    outer = jnp.where(inside, 1.0, r2)
+    return (
+        jnp.where(inside, C / (4 * np.pi * r_c**2), 0.0),
+        jnp.where(inside, Q / (4 * np.pi * r_c**4), 1 / (np.pi * outer**2)),
+    )
+
+
+def smooth_stresslet_on_host(r2: np.ndarray, r_c: float, accuracy: Accuracy) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the same as `smooth_stresslet` as arrays of NumPy."""
+    t = r2 / r_c**2
+    inside = t < 1
+    C, Q = _smooth_stresslet(np.where(inside, t, 0.5), accuracy)
+    outer = np.where(inside, 1.0, r2)
+    return (
+        np.where(inside, C / (4 * np.pi * r_c**2), 0.0),
+        np.where(inside, Q / (4 * np.pi * r_c**4), 1 / (np.pi * outer**2)),
+    )
+
+
+def _smooth_stresslet(t, accuracy: Accuracy):
+    """Returns 2 (E + t E') and -4 E', for arrays of NumPy or JAX with t ≤ 1."""
+    E, slope = _polynomials(accuracy)[0], 0.0
+    z, value = 2 * t - 1, E[0]
+    for coefficient in E[1:]:
+        slope = slope * z + value
+        value = value * z + coefficient
+    return 2 * (value + t * (2 * slope)), -8 * slope
 
 
 def blob_transforms(kappa2: Float[Array, "*modes"], accuracy: Accuracy) -> tuple[Array, Array]:

@@ -63,13 +63,8 @@ class EwaldSums(eqx.Module):
         lists = Lists.of(x, r_c, plan, domain, excluded)
         shift = None if lists.image is None else lists.image @ domain.lattice
 
-        def matrices(rx, ry, source, valid, r_c):
-            valid = jnp.repeat(valid, plan.cluster)[:, None]
-            return [jnp.where(valid, part, 0.0) for part in splitting.local(rx**2 + ry**2, r_c, plan.accuracy)]
-
         windows = Windows.of(as_clusters(z, plan.cluster), plan.grid, plan.patch, plan.accuracy.width)
-        A, B = _over_pairs(matrices, x, lists, shift, plan, lists.valid, r_c)
-        local = tuple(part.reshape(-1, plan.cluster, plan.cluster) for part in (A, B))
+        local = local_matrices(splitting.local, x, lists, shift, plan, r_c)
         return cls(x, weights, r_c, scale, lists, shift, local, windows, spectral, plan)
 
     @property
@@ -79,7 +74,7 @@ class EwaldSums(eqx.Module):
 
     def stokes(self, f: VesiclePoints) -> VesiclePoints:
         """Returns the velocity at all nodes from forces per arc length."""
-        f = self._clusters(f)
+        f = self.clusters(f)
         velocity = self.windows.interpolated(self.multipliers.on_forces(self.windows.spread(f)))
         if self.scale is not None:
             velocity = velocity - jnp.log(self.scale) / (4 * np.pi) * jnp.sum(f, axis=(0, 1))
@@ -88,22 +83,22 @@ class EwaldSums(eqx.Module):
             along = B * (rx * fx + ry * fy)
             return jnp.sum(A * fx + rx * along, axis=1), jnp.sum(A * fy + ry * along, axis=1)
 
-        return self._nodes(velocity + self._locally(local, f))
+        return self.nodes(velocity + self.locally(local, self.local, f))
 
     def slp_gradient(self, q: VesicleNodes) -> VesiclePoints:
         """Returns ∇S[q] at all nodes."""
-        q = self._clusters(q[..., None])
-        gradient = self._per_length(self.windows.interpolated(self.multipliers.on_charges(self.windows.spread(q))))
+        q = self.clusters(q[..., None])
+        gradient = self.per_length(self.windows.interpolated(self.multipliers.on_charges(self.windows.spread(q))))
 
         def local(A, B, rx, ry, q):
             along = -2 * B * q
             return jnp.sum(rx * along, axis=1), jnp.sum(ry * along, axis=1)
 
-        return self._nodes(gradient + self._locally(local, q))
+        return self.nodes(gradient + self.locally(local, self.local, q))
 
     def slp(self, q: VesicleNodes) -> VesicleNodes:
         """Returns S[q] at all nodes."""
-        q = self._clusters(q[..., None])
+        q = self.clusters(q[..., None])
         potential = self.windows.interpolated(self.multipliers.potentials(self.windows.spread(q)))
         if self.scale is not None:
             potential = potential - jnp.log(self.scale) / (2 * np.pi) * jnp.sum(q)
@@ -111,46 +106,64 @@ class EwaldSums(eqx.Module):
         def local(A, B, rx, ry, q):
             return (jnp.sum(2 * (A + B * (rx**2 + ry**2)) * q, axis=1),)
 
-        return self._nodes(potential + self._locally(local, q))[..., 0]
+        return self.nodes(potential + self.locally(local, self.local, q))[..., 0]
 
     def pressure(self, f: VesiclePoints) -> VesicleNodes:
         """Returns the pressure at all nodes from forces per arc length."""
-        f = self._clusters(f)
-        pressure = self._per_length(self.windows.interpolated(self.multipliers.pressure(self.windows.spread(f))))
+        f = self.clusters(f)
+        pressure = self.per_length(self.windows.interpolated(self.multipliers.pressure(self.windows.spread(f))))
 
         def local(A, B, rx, ry, fx, fy):
             return (jnp.sum(2 * B * (rx * fx + ry * fy), axis=1),)
 
-        return self._nodes(pressure + self._locally(local, f))[..., 0]
+        return self.nodes(pressure + self.locally(local, self.local, f))[..., 0]
 
     def smooth(self, r2: Float[Array, "*pairs"]) -> splitting.Kernel:
         """Returns A and B of the smooth part at these squared distances, without quadrature weights."""
         return splitting.smooth(r2, self.r_c, self.plan.accuracy)
 
-    def _clusters(self, density: Float[Array, "M N k"]) -> Float[Array, "C n k"]:
+    def clusters(self, density: Float[Array, "M N k"]) -> Float[Array, "C n k"]:
+        """Returns a density times the quadrature weights, by clusters."""
         return as_clusters(density * self.weights[..., None], self.plan.cluster)
 
-    def _nodes(self, values: Float[Array, "C n k"]) -> Float[Array, "M N k"]:
+    def nodes(self, values: Float[Array, "C n k"]) -> Float[Array, "M N k"]:
+        """Returns values by clusters as values at all nodes."""
         return values.reshape(*self.x.shape[:2], -1)
 
-    def _per_length(self, values: Float[Array, "C n k"]) -> Float[Array, "C n k"]:
+    def per_length(self, values: Float[Array, "C n k"]) -> Float[Array, "C n k"]:
+        """Returns values of a kernel that is homogeneous of degree -1, which in the plane is known for a unit grid."""
         return values if self.scale is None else values / self.scale
 
-    def _locally(self, kernel: Callable, density: Float[Array, "C n k"]) -> Float[Array, "C n out"]:
-        """Returns the local sums of `kernel(A, B, rx, ry, *components)` for every target cluster."""
+    def locally(
+        self, kernel: Callable, matrices: splitting.Kernel, density: Float[Array, "C n k"]
+    ) -> Float[Array, "C n out"]:
+        """Returns the local sums of `kernel(*matrices, rx, ry, *components)` for every target cluster."""
         n = self.plan.cluster
 
         def of_pairs(rx, ry, source, local, density):
-            A, B = (part.reshape(-1, n) for part in local)
+            parts = (part.reshape(-1, n) for part in local)
             components = jnp.moveaxis(jnp.repeat(density[source], n, axis=0), -1, 0)
-            return jnp.stack(kernel(A, B, rx, ry, *components), axis=-1)
+            return jnp.stack(kernel(*parts, rx, ry, *components), axis=-1)
 
-        values = _over_pairs(of_pairs, self.x, self.lists, self.shift, self.plan, self.local, density)
+        values = over_pairs(of_pairs, self.x, self.lists, self.shift, self.plan, matrices, density)
         values = values.reshape(self.lists.target.size, n, -1)
         return jnp.zeros((*density.shape[:2], values.shape[-1])).at[self.lists.target].add(values)
 
 
-def _over_pairs(function: Callable, x: VesiclePoints, lists: Lists, shift, plan: Plan, rows=None, shared=None):
+def local_matrices(
+    kernel: Callable, x: VesiclePoints, lists: Lists, shift, plan: Plan, r_c: Scalar
+) -> splitting.Kernel:
+    """Returns both parts of `kernel(r2, r_c, accuracy)` for the pairs in the list, and zeros for unused rows."""
+
+    def of_pairs(rx, ry, source, valid, r_c):
+        valid = jnp.repeat(valid, plan.cluster)[:, None]
+        return [jnp.where(valid, part, 0.0) for part in kernel(rx**2 + ry**2, r_c, plan.accuracy)]
+
+    parts = over_pairs(of_pairs, x, lists, shift, plan, lists.valid, r_c)
+    return tuple(part.reshape(-1, plan.cluster, plan.cluster) for part in parts)
+
+
+def over_pairs(function: Callable, x: VesiclePoints, lists: Lists, shift, plan: Plan, rows=None, shared=None):
     """Returns `function(rx, ry, source, rows, shared)` for every chunk of the list; zeros without a valid pair.
 
     The separations have a row for each target node of all pairs in the chunk, and a column for each source node. XLA

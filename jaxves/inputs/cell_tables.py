@@ -130,12 +130,7 @@ def check_beside_cell(file: Any) -> None:
         raise refusal("a first vector along x, [L, 0], in a shear flow", "cell.lattice", file.cell.lattice)
     if file.numerics.solver == "dense":
         raise refusal('"auto" or "matrix-free" in a [cell]', "numerics.solver", file.numerics.solver)
-    if file.fluid is not None:
-        raise refusal("no such key in a [cell]", "fluid.viscosity_ratio", file.fluid.viscosity_ratio)
     if file.field is not None and file.field.charge_relaxation is not None:
         raise refusal("no such key in a [cell]", "field.charge_relaxation", file.field.charge_relaxation)
     if file.field is not None and getattr(file.field.time, "averaged", False):
         raise refusal("false in a [cell]", "field.time.averaged", True)
-    for i, vesicle in enumerate(file.vesicle):
-        if vesicle.viscosity_ratio is not None:
-            raise refusal("no such key in a [cell]", f"vesicle[{i}].viscosity_ratio", vesicle.viscosity_ratio)

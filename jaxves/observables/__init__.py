@@ -5,6 +5,7 @@ registry        how a function registers as the one that computes some of the qu
 of_membranes, of_field, of_suspension   the functions: of each membrane, in a field, of all vesicles
 of_charge       the functions for charge that relaxes in a finite time
 of_cell_stress  the mean stress of a suspension in a periodic cell
+inner_stress    the viscous stress of the insides, where viscosities differ
 of_ones_own     observables that users write
 diagnostics     calls them all for one instant; time averages
 rows            everything that is saved at one time

@@ -1,8 +1,10 @@
 r"""The mean stress of a suspension in a periodic cell, with the Maxwell stress of a field.
 
-    ⟨σ⟩ = -⟨p⟩ 1 + 2⟨e⟩ + Σ,     Σ = -(1/A) Σ ∮ (f_b + f_λ) ⊗ x ds + (β/χ) ⟨T⟩,     T = ε (E E - ½ E² 1)
+    ⟨σ⟩ = -⟨p⟩ 1 + 2⟨e⟩ + Σ,     T = ε (E E - ½ E² 1)
+    Σ = -(1/A) Σ ∮ (f_b + f_λ) ⊗ x ds + (1/A) Σ (ν - 1) ∮ (v ⊗ n + n ⊗ v) ds + (β/χ) ⟨T⟩
 
-⟨⟩ is the mean over the cell with the area A, and e the rate of strain. Bending and tension exert no net force and no
+⟨⟩ is the mean over the cell with the area A, and e the rate of strain. The term with the viscosity ratio ν is the
+integral of 2 (ν - 1) e over the insides. Bending and tension exert no net force and no
 torque on a membrane. Their part therefore does not depend on the image of a vesicle that is taken, and it is symmetric.
 The moment of f_hd, which is the particle stress in the plane, would depend on the image: in a field each vesicle
 carries a net electric force.
@@ -26,6 +28,7 @@ from ..numerics.arrays import Scalar, VesicleNodes
 from ..operators.surfaces import Surfaces
 from ..physics.flow import Shear
 from ..physics.scene import Scene
+from .inner_stress import excess_viscous
 from .registry import Instant, gives
 
 _J = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -63,6 +66,8 @@ def mean_stress(motion: Motion, scene: Scene, domain: AbstractDomain, t: Scalar,
     weights = curves.weights[..., None]
     middle = jnp.sum(curves.x * weights, axis=1, keepdims=True) / jnp.sum(weights, axis=1, keepdims=True)
     moment = -jnp.einsum("mna,mnb->ab", elastic, (curves.x - middle) * weights)
+    if scene.viscosity_ratio is not None:
+        moment = moment + excess_viscous(motion, scene.viscosity_ratio)
     if electric is None:
         return moment / domain.area()
     fields = electric.fields

@@ -13,6 +13,7 @@ from ..operators.interactions import over_pairs
 from ..operators.surfaces import Surfaces
 from ..physics import membrane
 from ..physics.scene import Scene
+from .inner_stress import excess_viscous
 from .of_field import angle_of
 from .registry import Instant, gives
 
@@ -24,9 +25,7 @@ def stress(motion: Motion, scene: Scene) -> Array:
     arm = (curves.x - jnp.mean(centers, axis=0)) * curves.weights[..., None]
     moment = -jnp.einsum("mna,mnb->ab", motion.f_hd, arm)
     if scene.viscosity_ratio is not None:
-        excess = (scene.viscosity_ratio - 1)[:, None, None] * curves.normal * curves.weights[..., None]
-        outer = jnp.einsum("mna,mnb->ab", motion.velocity, excess)
-        moment = moment + outer + outer.T
+        moment = moment + excess_viscous(motion, scene.viscosity_ratio)
     return moment / jnp.sum(jax.vmap(geometry.area)(curves))
 
 

@@ -8,5 +8,6 @@ fast_sums       interactions as fast sums
 sums            which of them, without matrices of all pairs
 memory          how much memory a step takes, before it is computed
 double_layers   the Stokes double layer between membranes, as direct sums
+fast_double_layers   the same as fast sums, in the plane and in periodic cells
 surfaces        all membranes of a scene with their layer potentials
 """

@@ -5,23 +5,30 @@ Far pairs are summed directly by the trapezoidal rule, and near pairs have store
 close membranes would not become small.
 """
 
+import abc
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..base.arguments import refusal
 from ..geometry.curve import Curve
-from ..geometry.domain import AbstractDomain, Free
 from ..numerics.arrays import VesiclePoints
 from ..potentials import close_stokes, far
 from ..potentials.close_laplace import CloseGeometry
 from ..potentials.self_stokes import StokesBlocks
 from .direct_sums import summed
-from .interactions import AbstractCoupling
 from .near_pairs import NearPairs
 
 
-class DoubleLayers(eqx.Module):
+class AbstractDoubleLayers(eqx.Module):
+    """The Stokes double layers of all membranes at the nodes of the others."""
+
+    @abc.abstractmethod
+    def __call__(self, u: VesiclePoints) -> VesiclePoints:
+        """Returns the velocities D[u] of the other membranes at the nodes of each membrane."""
+
+
+class DoubleLayers(AbstractDoubleLayers):
     """The curves for far sums, and the matrices of near pairs."""
 
     curves: Curve
@@ -29,23 +36,15 @@ class DoubleLayers(eqx.Module):
     matrices: StokesBlocks
 
     @classmethod
-    def of(cls, curves: Curve, coupling: AbstractCoupling, domain: AbstractDomain) -> "DoubleLayers":
-        """Builds the double layers between the M >= 2 membranes in `curves`.
-
-        Raises:
-            ValueError: the domain is periodic.
-        """
-        if not isinstance(domain, Free):
-            raise refusal("domain", domain, "free space, where viscosities differ")
-        near = NearPairs.of(curves, coupling.room(curves.x.shape[0]), coupling.near, domain)
+    def of(cls, curves: Curve, near: NearPairs) -> "DoubleLayers":
+        """Builds the double layers between the M >= 2 membranes in `curves`, of which `near` are the near pairs."""
 
         @jax.checkpoint
         def of_pair(row):
             target, source, valid = row
 
             def close():
-                source_curve = jax.tree.map(lambda leaf: leaf[source], curves)
-                return close_stokes.stokes_dlp_matrix(CloseGeometry.of(source_curve, curves.x[target], inside=False))
+                return close_matrix(jax.tree.map(lambda leaf: leaf[source], curves), curves.x[target])
 
             nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), jax.eval_shape(close))
             return jax.lax.cond(valid, close, lambda: nothing)
@@ -55,3 +54,8 @@ class DoubleLayers(eqx.Module):
     def __call__(self, u: VesiclePoints) -> VesiclePoints:
         near = self.near.summed(jax.vmap(StokesBlocks.__matmul__), self.matrices, u)
         return summed(far.stokes_dlp, self.curves, self.near, u) + near
+
+
+def close_matrix(source: Curve, x) -> StokesBlocks:
+    """Returns the matrix of D by close evaluation, for targets outside of `source`."""
+    return close_stokes.stokes_dlp_matrix(CloseGeometry.of(source, x, inside=False))

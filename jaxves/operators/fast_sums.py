@@ -100,7 +100,10 @@ class FastSummation(AbstractInteractions):
             return self.sums.stokes(f) - jax.vmap(StokesBlocks.__matmul__)(self.own, f)
 
         def direct(f):
-            others = self._smooth_of_near(lambda blocks, f: blocks[0] @ f, f)
+            def product(x, source, f):
+                return _blocks(self.sums, x, source, True)[0] @ f
+
+            others = smooth_of_near(self.curves, self.near, product, f)
             return summed(far.stokes_slp, self.curves, self.near, f) + others
 
         return self._chosen(fast, direct, f) + near
@@ -112,7 +115,10 @@ class FastSummation(AbstractInteractions):
             return self.sums.slp_gradient(q) - times(self.own_gradient, q)
 
         def direct(q):
-            others = self._smooth_of_near(lambda blocks, q: jnp.einsum("aij,j->ia", blocks[1], q), q)
+            def product(x, source, q):
+                return jnp.einsum("aij,j->ia", _blocks(self.sums, x, source, True)[1], q)
+
+            others = smooth_of_near(self.curves, self.near, product, q)
             return summed(far.laplace_slp_gradient, self.curves, self.near, q) + others
 
         return self._chosen(fast, direct, q) + near
@@ -122,20 +128,18 @@ class FastSummation(AbstractInteractions):
             return fast(density)
         return lax.cond(greatest(jnp.int32(self.sums.overflow)) > 0, direct, fast, density)
 
-    def _smooth_of_near(self, apply, density) -> VesiclePoints:
-        """Returns the smooth part of the near pairs in the plane, which `fast` has in the sums."""
 
-        @jax.checkpoint
-        def of_pair(row):
-            target, source, valid = row
-            blocks = _blocks(
-                self.sums, self.curves.x[target], jax.tree.map(lambda leaf: leaf[source], self.curves), True
-            )
-            return jnp.where(valid, apply(blocks, density[source]), 0.0)
+def smooth_of_near(curves: Curve, near: NearPairs, product, density) -> VesiclePoints:
+    """Returns the sum of `product(x, source, density)` over the near pairs in the plane, which fast sums contain."""
 
-        near = self.near
-        found = lax.map(of_pair, (near.target, near.source, near.valid))
-        return jnp.zeros_like(self.curves.x).at[near.target].add(found)
+    @jax.checkpoint
+    def of_pair(row):
+        target, source, valid = row
+        curve = jax.tree.map(lambda leaf: leaf[source], curves)
+        return jnp.where(valid, product(curves.x[target], curve, density[source]), 0.0)
+
+    found = lax.map(of_pair, (near.target, near.source, near.valid))
+    return jnp.zeros_like(curves.x).at[near.target].add(found)
 
 
 def _separations(x: Float[Array, "P 2"], y: Float[Array, "N 2"]) -> list[Float[Array, "P N"]]:

@@ -109,8 +109,13 @@ class AbstractCoupling(eqx.Module):
         """Returns for how many near sources per target, on average, lists of near pairs of M membranes have room."""
 
     @abc.abstractmethod
-    def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> AbstractInteractions:
-        """Returns the interactions of the M >= 2 membranes in `curves`; `electric` adds the operators for a field."""
+    def between(
+        self, curves: Curve, domain: AbstractDomain, *, electric: bool, contrast: bool = False
+    ) -> AbstractInteractions:
+        """Returns the interactions of the M >= 2 membranes in `curves`; `electric` adds the operators for a field.
+
+        `contrast` states that the Stokes double layer will be summed too (`sums.double_layers_of`).
+        """
 
 
 def ordered_pairs(M: int) -> tuple[np.ndarray, np.ndarray]:

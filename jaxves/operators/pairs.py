@@ -32,7 +32,9 @@ class Pairwise(AbstractCoupling):
     def room(self, M: int) -> int:
         return M - 1
 
-    def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> "PairMatrices":
+    def between(
+        self, curves: Curve, domain: AbstractDomain, *, electric: bool, contrast: bool = False
+    ) -> "PairMatrices":
         return PairMatrices.of(curves, self.near, electric=electric)
 
 

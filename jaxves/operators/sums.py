@@ -8,6 +8,8 @@ from ..ewald.plans import accuracy_for, plan_for, plan_in_cell
 from ..geometry.curve import Curve
 from ..geometry.domain import AbstractDomain, Cell
 from .direct_sums import Summation
+from .double_layers import AbstractDoubleLayers, DoubleLayers
+from .fast_double_layers import FastDoubleLayers
 from .fast_sums import FastSummation
 from .interactions import NEAR, SOLVED, AbstractCoupling, AbstractInteractions
 from .near_pairs import NearPairs
@@ -57,16 +59,29 @@ class MatrixFree(AbstractCoupling):
     def room(self, M: int) -> int:
         return self.neighbours
 
-    def between(self, curves: Curve, domain: AbstractDomain, *, electric: bool) -> AbstractInteractions:
+    def between(
+        self, curves: Curve, domain: AbstractDomain, *, electric: bool, contrast: bool = False
+    ) -> AbstractInteractions:
         near = NearPairs.of(curves, self.neighbours, self.near, domain)
         if self.accuracy is None:
             return Summation.of(curves, near, self.mesh, electric=electric)
         M, N, _ = curves.x.shape
         if isinstance(domain, Cell):
-            plan = plan_in_cell(M, N, self.accuracy, domain.aspect)
+            plan = plan_in_cell(M, N, self.accuracy, domain.aspect, contrast=contrast)
         else:
-            plan = plan_for(M, N, self.accuracy)
+            plan = plan_for(M, N, self.accuracy, contrast=contrast)
         return FastSummation.of(curves, near, plan, domain, electric=electric, solved=self.tolerance())
+
+
+def double_layers_of(
+    curves: Curve, interactions: AbstractInteractions, coupling: AbstractCoupling, domain: AbstractDomain
+) -> AbstractDoubleLayers:
+    """Returns the Stokes double layers between membranes, by sums with the near pairs of the `interactions`."""
+    if isinstance(interactions, FastSummation):
+        return FastDoubleLayers.of(curves, interactions, domain)
+    if isinstance(interactions, Summation):
+        return DoubleLayers.of(curves, interactions.near)
+    return DoubleLayers.of(curves, NearPairs.of(curves, coupling.room(curves.x.shape[0]), coupling.near, domain))
 
 
 def accuracy_of_sums(tolerance: float | None) -> float:

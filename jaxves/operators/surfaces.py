@@ -18,8 +18,9 @@ from ..numerics import fourier
 from ..numerics.arrays import VesicleNodes, VesiclePoints
 from ..potentials.self_refined import Refinement, self_kernels
 from ..potentials.self_stokes import StokesBlocks
-from .double_layers import DoubleLayers
+from .double_layers import AbstractDoubleLayers
 from .interactions import AbstractCoupling, AbstractInteractions
+from .sums import double_layers_of
 
 
 class Surfaces(eqx.Module):
@@ -31,7 +32,7 @@ class Surfaces(eqx.Module):
     laplace_slp_dn: Float[Array, "*batch N N"] | None
     interactions: AbstractInteractions | None = None
     stokes_dlp: StokesBlocks | None = None
-    double_layers: DoubleLayers | None = None
+    double_layers: AbstractDoubleLayers | None = None
 
     @classmethod
     def of(
@@ -54,9 +55,9 @@ class Surfaces(eqx.Module):
         domain = Free() if domain is None else domain
         if coupling is not None:
             with jax.named_scope("interactions"):
-                interactions = coupling.between(curves, domain, electric=electric)
+                interactions = coupling.between(curves, domain, electric=electric, contrast=contrast)
                 if contrast:
-                    double_layers = DoubleLayers.of(curves, coupling, domain)
+                    double_layers = double_layers_of(curves, interactions, coupling, domain)
         kernels = own.laplace_slp, own.stokes_slp, own.laplace_slp_dn
         return cls(curves, *kernels, interactions, own.stokes_dlp, double_layers)
 

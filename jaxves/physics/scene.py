@@ -97,8 +97,6 @@ class Scene(Bounded):
             return
         if not isinstance(self.flow, Shear | None):
             raise refusal("Scene.flow", self.flow, "Shear or None: in a periodic cell no other flow is supported")
-        if self.viscosity_ratio is not None:
-            raise refusal("Scene.viscosity_ratio", self.viscosity_ratio, "None in a periodic cell")
         if self.field is not None and not self.field.is_uniform():
             raise refusal("Scene.field.function", "a field of your own", "a uniform field in a periodic cell")
         if self.field is not None and self.field.charge_relaxation is not None:

@@ -128,7 +128,8 @@ def problem_of(case: Case, scene: Scene) -> Problem:
 def require_memory(scene: Scene, coupling: AbstractCoupling | None, available: float) -> None:
     """Raises SceneError if a step of the scene needs more memory than `available`, in bytes."""
     M, N, _ = scene.x.shape
-    needed = bytes_of_step(M, N, coupling_of(scene, coupling), domain_of(scene), electric=scene.field is not None)
+    parts = dict(electric=scene.field is not None, contrast=scene.viscosity_ratio is not None)
+    needed = bytes_of_step(M, N, coupling_of(scene, coupling), domain_of(scene), **parts)
     if needed > available:
         raise SceneError(
             f"numerics.nodes = {N} for {M} vesicles needs about {needed / 2**30:.3g} GiB of memory,"
