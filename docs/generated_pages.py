@@ -5,6 +5,8 @@
 `website.py` does this before every build. The pages are not kept in the repository.
 """
 
+import ast
+import importlib
 import re
 import sys
 import typing
@@ -26,6 +28,11 @@ from jaxves.inputs.template import TEMPLATE  # noqa: E402
 from jaxves.observables.quantities import QUANTITIES  # noqa: E402
 from jaxves.results.run_store import HISTORY  # noqa: E402
 
+# The folders of the package from the lowest layer up, except the command line.
+FOLDERS = (
+    *("base", "numerics", "geometry", "inputs", "potentials", "physics", "operators", "equation", "observables"),
+    *("results", "stepping", "runs", "analysis", "sweeps", "plots"),
+)
 _NOTE = "*This page is generated from the code.*\n"
 # Keys whose meaning neither a declaration nor the commented scene file states.
 _MEANINGS = {
@@ -268,11 +275,13 @@ def python_names() -> str:
         "These names are kept stable. All of them are available as `jaxves.NAME`. Figures are in",
         "[`jaxves.plots`](plots.md), and [all modules](modules.md) have their own pages.\n",
     ]
-    folders: dict[str, list[str]] = {}
-    for module, names in jaxves._PUBLIC.items():
-        folders.setdefault(module.partition(".")[0], []).extend(names)
-    for folder, names in folders.items():
-        summary = (getattr(jaxves, folder).__doc__ or folder).partition("\n")[0]
+    stub = ast.parse(Path(jaxves.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    listed = [node for node in stub.body if isinstance(node, ast.ImportFrom) and node.module]
+    for folder in FOLDERS:
+        names = [alias.name for node in listed if node.module.partition(".")[0] == folder for alias in node.names]
+        if not names:
+            continue
+        summary = (importlib.import_module(f"jaxves.{folder}").__doc__ or folder).partition("\n")[0]
         parts += [f"## {folder}\n", f"{summary}\n"]
         for name in names:
             found = getattr(jaxves, name)
@@ -325,8 +334,8 @@ def modules() -> str:
     """Returns the reference of all modules, with one section for each folder."""
     package = ROOT / "jaxves"
     parts = ["# All modules\n", _NOTE, "Only the [public names](python.md) are kept stable. The others may move.\n"]
-    for folder in (name for name in jaxves._FOLDERS if name not in ("cli",)):
-        doc = (getattr(jaxves, folder).__doc__ or "").strip()
+    for folder in FOLDERS:
+        doc = (importlib.import_module(f"jaxves.{folder}").__doc__ or "").strip()
         parts += [f"## {folder}\n", f"```text\n{doc}\n```\n"]
         for file in sorted((package / folder).glob("[a-z]*.py")):
             name = f"jaxves.{folder}.{file.stem}"

@@ -139,7 +139,8 @@ def test_bending_is_found_from_a_film_and_a_number_without_influence_is_left_ope
     time_unit = 6 * 0.1 / 0.06  # s
     bounds = {"vesicle.bending": (0.1, 10.0), "vesicle.center[0]": (-1.0, 1.0)}
     start = {"vesicle.bending": 1.5, "vesicle.center[0]": 0.1}
-    found = jaxves.fit_frames(file, bounds, frames, time_unit, starts=[start], march=march)
+    with pytest.warns(UserWarning, match=r"vesicle.length is missing, .* radius of the film, 0.0\d* % of it"):
+        found = jaxves.fit_frames(file, bounds, frames, time_unit, starts=[start], march=march)
     low, high = found.intervals["vesicle.bending"]
     assert low < 1.0 < high < 1.6 * low
     assert found.intervals["vesicle.center[0]"] is None
@@ -148,5 +149,7 @@ def test_bending_is_found_from_a_film_and_a_number_without_influence_is_left_ope
 
     two = [{"reduced_area": 0.9}, {"reduced_area": 0.9, "center": [4.0, 0.0]}]
     with pytest.raises(ValueError, match="scene has 2 vesicles, expected one, as in a film"):
-        jaxves.fit_frames(parse(RELAXING | {"vesicle": two}), bounds, frames, time_unit)
+        jaxves.fit_frames(
+            parse(RELAXING | {"vesicle": two}), bounds | {"vesicle.length": (0.9, 1.1)}, frames, time_unit
+        )
     assert Observations.of_frames(frames, time_unit).t_end == pytest.approx(0.06)

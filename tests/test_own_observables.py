@@ -88,3 +88,22 @@ def test_an_observable_that_cannot_be_used_is_refused(observables, message):
     with pytest.raises(ValueError, match=message) as caught:
         jaxves.simulate(scene, 2e-3, saves=2, march=MARCH, observables=observables)
     assert "\n" not in str(caught.value)
+
+
+def test_a_run_writes_observables_to_its_file_and_is_resumed_only_with_them(tmp_path):
+    path = tmp_path / "run.h5"
+    tables = {"t_end": 2e-3, "saves": 2, "vesicle": [{"reduced_area": 0.9}], "numerics": {"nodes": N, "certify": False}}
+    with pytest.raises(ValueError, match="observables = 'area', expected names of your own"):
+        jaxves.run(tables, path, observables={"area": height})
+    assert not path.exists()
+    own = {"height": height, "energy": energy_at_end}
+    assert jaxves.run(tables, path, observables=own) == "complete"
+    longer = tables | {"t_end": 4e-3, "saves": 4}
+    for others, named in ((None, "none"), ({"height": height}, "height")):
+        with pytest.raises(StoreError, match=f"observables = {named}, expected those of the run in .*: energy, height."):
+            jaxves.run(longer, path, resume=True, observables=others)
+    assert jaxves.run(longer, path, resume=True, observables=own) == "complete"
+    record = jaxves.load(path)
+    np.testing.assert_allclose(record.diagnostics["height"], np.ptp(record.x[..., 1], axis=-1), rtol=1e-14)
+    np.testing.assert_allclose(record.diagnostics["energy"], record.t * record.diagnostics["bending_energy"][:, 0])
+    assert len(record.t) == 5 and record.diagnostics["energy"].shape == (5,)

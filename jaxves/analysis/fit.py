@@ -13,6 +13,7 @@ paraboloid has a long axis, the observations do not determine the numbers separa
 
 import functools
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -144,7 +145,8 @@ def fit_frames(
     observations minus the number of unknowns.
 
     The scene has one vesicle, whose length is in units of the radius a of the film. To take the errors of the radius
-    and of the reduced area into account, let "vesicle.length" and "vesicle.reduced_area" be among the `bounds`.
+    and of the reduced area into account, let "vesicle.length" and "vesicle.reduced_area" be among the `bounds`. Without
+    the length a warning says how large the error is that the intervals leave out.
 
     Args:
         scene_file: the scene at t = 0, which is the frame `frames.start`.
@@ -158,6 +160,13 @@ def fit_frames(
         ValueError: as for `fit`; or the scene has several vesicles.
         SceneError: the scene has no number of such a name.
     """
+    if "vesicle.length" not in bounds:
+        radius = frames.radius
+        warnings.warn(
+            f"bounds: vesicle.length is missing, so the intervals leave out the error of the radius of the film, "
+            f"{100 * radius.error / radius.value:.1g} % of it.",
+            stacklevel=2,
+        )
     return fit(scene_file, bounds, Observations.of_frames(frames, time_unit), **how)
 
 

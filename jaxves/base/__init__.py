@@ -9,3 +9,7 @@ progress    how far a long call has come
 resolution        modes of a shape that its nodes keep
 time_steps  how many steps a run may take; no JAX
 """
+
+from . import status
+
+__all__ = ["status"]

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from ..base.arguments import refusal
@@ -25,6 +26,14 @@ def require_observables(observables: Observables | None) -> None:
             raise refusal("observables", repr(name), "names of your own, which are identifiers and no diagnostics")
         if not callable(function):
             raise refusal(f"observables[{name!r}]", function, "a function of a row")
+
+
+def with_own(rows: Row, observables: Observables | None) -> Row:
+    """Returns rows whose diagnostics also have the values of the functions, as NumPy arrays."""
+    if not observables or not len(rows.t):
+        return rows
+    values = observed(observables, jax.tree.map(jnp.asarray, rows))
+    return rows._replace(diagnostics=rows.diagnostics | {name: np.asarray(value) for name, value in values.items()})
 
 
 @eqx.filter_jit

@@ -11,8 +11,11 @@ import numpy as np
 
 from ..inputs.scene_files import to_toml
 from ..inputs.scene_tables import SceneFile
+from ..observables.of_ones_own import Observables, with_own
+from ..observables.quantities import QUANTITIES
 from ..physics.scene import Scene
 from ..results import run_store, run_writer
+from ..results.hdf5 import StoreError
 from ..stepping.state import State
 from .adapt_nodes import Resolution, resolution_of
 from .build import build
@@ -56,13 +59,20 @@ def _started(
 
 
 def new(
-    scene_file: SceneFile, path: Path, force: bool, start: str | Path | None, at: float | None, progress: Told
+    scene_file: SceneFile,
+    path: Path,
+    force: bool,
+    start: str | Path | None,
+    at: float | None,
+    observables: Observables | None,
+    progress: Told,
 ) -> Begun:
     """Begins a new run and writes its first row. The arguments are those of `runner.run`."""
     case, (scene, origin, failed) = Case(scene_file), _started(scene_file, start, at, progress)
     progress(0.0, "compiling")
     scene, resolution, state, row = first_row(case, scene)
     row = resolution.stored(row)
+    complete = with_own(row, observables)
     _, M, N = row.x.shape[:3]
     symmetry = resolution.first.equation.symmetry
     writer = run_writer.Writer(
@@ -72,22 +82,30 @@ def new(
         times=saved_times(scene_file),
         vesicles=M,
         nodes=N,
-        datasets={name: run_store.description(name) for name in run_store.datasets_of(row)},
+        datasets={name: run_store.description(name, np.ndim(f)) for name, f in run_store.datasets_of(complete).items()},
         force=force,
     )
     given = {_START: scene.x} | ({} if scene.V_m is None else {_START_V_m: scene.V_m})
-    rows = Rows(writer, None if failed else {name: np.asarray(leaf) for name, leaf in given.items()})
+    rows = Rows(writer, None if failed else {name: np.asarray(leaf) for name, leaf in given.items()}, observables)
     rows.add(row, state)
     rows.write()
     return Begun(resolution, state, rows, failed)
 
 
-def continued(scene_file: SceneFile, path: Path) -> Begun:
+def continued(scene_file: SceneFile, path: Path, observables: Observables | None) -> Begun:
     """Returns the run in the file, after its last row.
 
     The starting shapes come from the file, so that vesicles are not relaxed again.
+
+    Raises:
+        StoreError: the file cannot be continued, or has other observables than these.
     """
     record = run_store.read_result(path)
+    own = sorted(record.diagnostics.keys() - QUANTITIES.keys())
+    if own != sorted(observables or ()):
+        given = ", ".join(sorted(observables or ())) or "none"
+        expected = ", ".join(own) or "none"
+        raise StoreError(f"observables = {given}, expected those of the run in {path}: {expected}.")
     deformation = record.diagnostics.get("deformation_along_field", ())
     leaves = run_store.state(path)
     start = {name: leaves.pop(name) for name in (_START, _START_V_m) if name in leaves}
@@ -96,7 +114,7 @@ def continued(scene_file: SceneFile, path: Path) -> Begun:
     problem = strengthened(problem_of(Case(scene_file), scene))
     state = restored(problem.state, leaves, path)
     # Until here the file is unchanged, also after an error or an interrupt.
-    rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start)
+    rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start, observables)
     rows.deformation.extend(deformation)
     rows.state = state
     return Begun(resolution_of(scene_file, problem, record.x.shape[2]), rows.state, rows)

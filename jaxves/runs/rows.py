@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base import status
+from ..observables.of_ones_own import Observables, with_own
 from ..observables.rows import Row
 from ..results.hdf5 import StoreError
 from ..results.run_store import datasets_of, read_result
@@ -52,14 +53,16 @@ def restored(template: State, leaves: dict[str, np.ndarray], path: Path) -> Stat
 class Rows:
     """A buffer of rows. They are written to the file from time to time, with the state after the last row.
 
-    `start` is None for a run that cannot be continued.
+    `start` is None for a run that cannot be continued. `observables` are functions of the user's own, whose values are
+    added to the rows.
     """
 
     state: State
 
-    def __init__(self, writer: Writer, start: dict[str, np.ndarray] | None):
+    def __init__(self, writer: Writer, start: dict[str, np.ndarray] | None, observables: Observables | None = None):
         self.writer = writer
         self.start = start
+        self._observables = observables
         self.deformation: list[np.ndarray] = []  # deformation along the field of all rows
         self._waiting: list[Row] = []
         self._written = time.perf_counter()
@@ -67,7 +70,7 @@ class Rows:
     def add(self, row: Row, state: State) -> None:
         """Adds a row and the state after it; writes if the last write was some time ago."""
         if len(row.t):
-            self._waiting.append(row)
+            self._waiting.append(with_own(row, self._observables))
             self.deformation.extend(row.diagnostics.get("deformation_along_field", ()))
             self.state = state
         if time.perf_counter() > self._written + SECONDS_BETWEEN_WRITES:

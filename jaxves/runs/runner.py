@@ -19,6 +19,7 @@ from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import RUN
 from ..observables import classes, diagnostics
 from ..observables.certificate import certificate, has_enough_digits
+from ..observables.of_ones_own import Observables, require_observables
 from ..results import hdf5, run_store
 from ..results.ownership import real, writing
 from ..stepping.state import Window
@@ -45,6 +46,7 @@ def run(
     resume: bool = False,
     start: str | Path | None = None,
     at: float | None = None,
+    observables: Observables | None = None,
     progress: Progress = silent,
 ) -> str:
     """Runs a scene and writes a result file; returns the status word. Ctrl-C ends the run as "interrupted".
@@ -58,17 +60,20 @@ def run(
             it also starts with its V_m. Shapes, positions, `relaxed` and `disturbance` of the scene are not used. Such
             a run is resumed without `start`.
         at: start from the saved time nearest to this one instead of the last.
+        observables: functions of your own by name, as for `simulate`. Their values are among the diagnostics of the
+            file. A run that has them is resumed with the same names.
         progress: called at each saved time with the time reached, the end of the run, and a text.
 
     Raises:
         SceneError: there is no such scene, or a value of it is not allowed.
         StoreError: the file exists (without `force`), is being written by another process, cannot be written, or cannot
             be resumed; or the run cannot start from `start`.
-        ValueError: `at` without `start`, or `start` with `resume`.
+        ValueError: `at` without `start`, `start` with `resume`, or an observable that cannot be used.
         Broken: the file can no longer be written.
         KeyboardInterrupt: Ctrl-C before anything was written.
     """
     began, path = time.perf_counter(), real(path)
+    require_observables(observables)
     scene_file = Case.of(scene_file, RUN).scene_file
     told = partial(_tell, progress, scene_file.t_end)
     if at is not None and start is None:
@@ -80,7 +85,10 @@ def run(
             return run_store.read_result(path).status
         if not resume and not force and path.exists():
             raise hdf5.StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
-        begun = continued(scene_file, path) if resume else new(scene_file, path, force, start, at, told)
+        if resume:
+            begun = continued(scene_file, path, observables)
+        else:
+            begun = new(scene_file, path, force, start, at, observables, told)
         return _carried_out(scene_file, begun, began, told)
 
 

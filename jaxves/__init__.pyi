@@ -1,0 +1,83 @@
+"""The public names of jaxves, for type checkers and for the package itself, which imports a name when it is asked for.
+
+These names stay where they are. Nothing else is promised to.
+"""
+
+from . import plots as plots
+from .analysis.critical_field import critical_field as critical_field
+from .analysis.fit import fit as fit
+from .analysis.fit import fit_frames as fit_frames
+from .analysis.fold import critical_value as critical_value
+from .analysis.gradcheck import check_gradients as check_gradients
+from .analysis.half_turns import OverHalfTurns as OverHalfTurns
+from .analysis.observations import Observations as Observations
+from .analysis.sensitivity import AtEnd as AtEnd
+from .analysis.sensitivity import AtRest as AtRest
+from .analysis.sensitivity import gradient as gradient
+from .analysis.sensitivity import hessian_product as hessian_product
+from .analysis.sensitivity import jacobian as jacobian
+from .analysis.sensitivity import second_order as second_order
+from .analysis.stability import stability as stability
+from .analysis.steady import steady_shape as steady_shape
+from .analysis.steering import Steering as Steering
+from .analysis.steering import steer as steer
+from .base import status as status
+from .base.compiling import fast_start as fast_start
+from .equation.equation import equation_for as equation_for
+from .equation.state import Unknowns as Unknowns
+from .geometry.curve import Curve as Curve
+from .geometry.domain import Cell as Cell
+from .geometry.frames import Frames as Frames
+from .geometry.frames import read_frames as read_frames
+from .geometry.placement import random_suspension as random_suspension
+from .geometry.shapes import circle as circle
+from .geometry.shapes import disturbed as disturbed
+from .geometry.shapes import ellipse as ellipse
+from .geometry.shapes import ellipse_of_excess as ellipse_of_excess
+from .geometry.shapes import through_points as through_points
+from .geometry.shapes import undulated as undulated
+from .inputs.checking import SceneError as SceneError
+from .inputs.parameters import numbers as numbers
+from .inputs.scene_files import built_in_scenes as built_in_scenes
+from .inputs.scene_files import read_scene as read_scene
+from .numerics.linear import GMRES as GMRES
+from .numerics.linear import Dense as Dense
+from .observables.chains import chains as chains
+from .observables.checks import Checks as Checks
+from .observables.classes import class_names as class_names
+from .observables.displacements import mean_squared_displacement as mean_squared_displacement
+from .observables.fields import fields_at as fields_at
+from .observables.pair_distribution import pair_distribution as pair_distribution
+from .observables.structure_factor import structure_factor as structure_factor
+from .operators.pairs import Pairwise as Pairwise
+from .operators.sums import MatrixFree as MatrixFree
+from .physics.electric import Field as Field
+from .physics.flow import Extension as Extension
+from .physics.flow import LinearFlow as LinearFlow
+from .physics.flow import Poiseuille as Poiseuille
+from .physics.flow import Shear as Shear
+from .physics.flow import TimeDependent as TimeDependent
+from .physics.scene import Scene as Scene
+from .physics.scene import dc_field as dc_field
+from .physics.scene import make_scene as make_scene
+from .physics.units import LabQuantities as LabQuantities
+from .physics.waveform import AC as AC
+from .physics.waveform import PiecewiseLinear as PiecewiseLinear
+from .physics.waveform import Pulse as Pulse
+from .physics.waveform import Sine as Sine
+from .results.hdf5 import StoreError as StoreError
+from .results.loading import load as load
+from .results.run_store import read_result as read_result
+from .results.sweep_store import read_sweep as read_sweep
+from .runs.build import scene_of as scene_of
+from .runs.runner import run as run
+from .stepping.adaptive import Adaptive as Adaptive
+from .stepping.fixed import Fixed as Fixed
+from .stepping.marching import Result as Result
+from .stepping.marching import simulate as simulate
+from .stepping.schemes import ARK4 as ARK4
+from .stepping.schemes import ARK5 as ARK5
+from .stepping.schemes import SemiImplicitEuler as SemiImplicitEuler
+from .sweeps.sweeping import sweep as sweep
+
+__version__: str
