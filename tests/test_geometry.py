@@ -9,6 +9,8 @@ from conftest import ellipse, star
 from jaxves.geometry import curve, shapes
 from jaxves.geometry.curve import Curve
 from jaxves.numerics import fourier
+from jaxves.physics.scene import dc_field, make_scene
+from jaxves.stepping.marching import simulate
 
 
 @pytest.mark.parametrize("N", [64, 256])
@@ -147,3 +149,30 @@ def test_a_circle_has_a_derivative_in_its_excess():
     np.testing.assert_allclose(jax.jit(jax.jacrev(nodes))(0.0), slope, atol=1e-13)
     outward = jnp.sum(slope * shapes.circle(32), axis=-1)
     np.testing.assert_allclose(outward, np.sqrt(2 / 3) * np.cos(2 * fourier.grid(32)), atol=1e-12)
+
+
+def test_large_matrices_are_built_inside_the_program():
+    """With more entries than a constant may have, they equal the transforms of NumPy; the program holds no copy."""
+    rng = np.random.default_rng(1)
+    N, K, cut = 512, 768, 128
+    f = rng.normal(size=N)
+    spectrum = np.fft.rfft(f)
+    split = np.append(spectrum[:-1], 0.5 * spectrum[-1])  # the Nyquist mode is shared between ±N/2 on finer grids
+
+    finer = fourier.resample(jnp.asarray(f), K)
+    coarser, modes = map(np.asarray, jax.jit(lambda: (fourier.resampling(K, N), fourier.high_modes(N, cut)))())
+    np.testing.assert_allclose(finer, np.fft.irfft(split, K) * (K / N), atol=1e-12)
+    np.testing.assert_allclose(coarser, fourier.resampling_matrix(K, N), atol=1e-13)
+    np.testing.assert_allclose(np.eye(N) - modes @ modes.T, fourier.low_pass_matrix(N, cut), atol=1e-12)
+    cosine, sine = jax.jit(fourier.coefficients)(jnp.asarray(f))
+    weight = np.append(np.append(1.0, np.full(N // 2 - 1, 2.0)), 1.0) / N
+    np.testing.assert_allclose(cosine - 1j * sine, weight * spectrum, atol=1e-12)
+    np.testing.assert_allclose(fourier.resampled(f, K, 0), finer, atol=1e-12)
+    np.testing.assert_allclose(fourier.resampled(np.asarray(finer), N, 0), fourier.resample(finer, N), atol=1e-12)
+
+
+def test_the_program_of_many_nodes_holds_no_large_constant():
+    """Matrices as constants would be 115 MB of text with 512 nodes."""
+    scene = make_scene(shapes.ellipse(512, 0.9), field=dc_field(1.0, conductivity_ratio=0.1))
+    lowered = jax.jit(lambda scene: simulate(scene, 1e-7, saves=1).x).lower(scene)
+    assert len(lowered.as_text()) < 2e7

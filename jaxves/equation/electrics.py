@@ -11,12 +11,11 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..geometry.curve import Curve
 from ..numerics import fourier, linear
-from ..numerics.arrays import Scalar, VesicleNodes, VesiclePoints
+from ..numerics.arrays import Scalar, VesicleNodes, VesiclePoints, identity
 from ..operators.interactions import pair_frames
 from ..operators.surfaces import Surfaces
 from ..physics import electric
@@ -153,7 +152,7 @@ class MembraneCharging(AbstractElectrics):
         curves = surfaces.curves
         mean = 1.0 / jnp.sum(curves.speed, axis=1, keepdims=True)
         kernel = surfaces.laplace_slp_dn * field.contrast()[:, None, None] + mean[:, None]
-        matrices = 0.5 * np.eye(V_m.shape[1]) + kernel * curves.speed[:, None, :]
+        matrices = 0.5 * identity(V_m.shape[1]) + kernel * curves.speed[:, None, :]
         flux = electric.component(curves.normal, field.at(curves.x, t)) + surfaces.dlp_dn(V_m)
         across = surfaces.interactions
         # The linear part and the preconditioner of GMRES need the factors. Otherwise the solver may be iterative.

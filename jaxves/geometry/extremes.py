@@ -32,7 +32,8 @@ _DEGREE = 5  # degree of the Taylor polynomial at each such place; mode N/2 has 
 _REACH = 0.1  # largest distance from such a place, in units of the sample spacing
 _FLAT = 1e-10  # relative height over one spacing below which a maximum is round-off
 
-_FINER_PAIRS = 2  # samples per node for distances, whose number grows with the square of the samples
+_FINER_PAIRS = 2  # samples per node for distances, whose number grows with the square of the samples,
+_MOST_SAMPLES = 2048  # up to this number; more nodes are samples themselves
 _PARTS_PAIRS = 4
 _ROUNDS = 5  # Newton steps; the error starts below one sample spacing, and each step squares it
 _CONVERGED = 1e-3  # the last step to a stationary place is much shorter than this many spacings
@@ -182,7 +183,8 @@ def _least(start: Float[Array, "P 2"], on_edge, jets, spacing: float, counts, pe
 
 
 def _samples(curve: Curve) -> Float[Array, "K 2"]:
-    return fourier.resample(jax.lax.stop_gradient(curve.x), _FINER_PAIRS * curve.x.shape[0], axis=0)
+    N = curve.x.shape[0]
+    return fourier.resample(jax.lax.stop_gradient(curve.x), max(N, min(_FINER_PAIRS * N, _MOST_SAMPLES)), axis=0)
 
 
 def _distances2(x: Float[Array, "K 2"], y: Float[Array, "L 2"]) -> Float[Array, "K L"]:
@@ -208,9 +210,11 @@ def self_gap(curve: Curve) -> Scalar:
     x, perimeter = _samples(curve), geometry.length(curve)
     K, whole = len(x), jax.lax.stop_gradient(perimeter)
     spacing = 2 * np.pi / K
-    steps = np.abs(np.arange(K)[:, None] - np.arange(K))
+    steps = np.arange(K)
+    apart = fourier.spread(np.minimum(steps, K - steps).astype(float))
     r2 = _distances2(x, x)
-    r2 = jnp.where((np.minimum(steps, K - steps) * (whole / K)) ** 2 >= 4 * r2 + 2 * whole**2 * np.eye(K), r2, jnp.inf)
+    same = 2 * whole**2 * fourier.spread((steps == 0).astype(float))
+    r2 = jnp.where((apart * (whole / K)) ** 2 >= 4 * r2 + same, r2, jnp.inf)
 
     def counts(z, on_edge, square):
         length = jnp.abs(z[:, 1] - z[:, 0]) * (whole / (2 * np.pi))

@@ -61,7 +61,7 @@ def check_curves(argument: str, x: Float[np.ndarray, "M N 2"]) -> None:
             raise refusal(f"{name}[{bad}]", nodes[bad], "two finite numbers")
         if np.min(np.linalg.norm(nodes - np.roll(nodes, 1, axis=0), axis=1)) == 0:
             raise refusal(name, "nodes of which two neighbours coincide", "distinct nodes")
-        finer.append(fourier.resampling_matrix(len(nodes), _FINE * len(nodes)) @ nodes)
+        finer.append(fourier.resampled(nodes, _FINE * len(nodes), 0))
         if (found := outlines.crossing(finer[m])) is not None:
             at = "({:.5g}, {:.5g})".format(*found.place)
             raise refusal(name, f"a curve that crosses itself near {at}", "a simple closed curve")

@@ -11,20 +11,22 @@ grids it consists of three products: a transform over blocks of nodes makes the 
 matrices this is faster from 128 nodes on. On one core a matrix of 1024 nodes takes 7.8 ms instead of 54 ms, and with
 XLA's transform 9.0 ms.
 
+Matrices with more than `_CONSTANT`² entries are built inside the compiled program from one of their columns. As
+constants they would fill the text of the program: 115 MB with 512 nodes, and sixteen times as much with 2048.
+
 [T] L. N. Trefethen, Spectral Methods in MATLAB, ch. 3.
 """
 
 import functools
+import math
 
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Float
 
-from .arrays import Scalar, staged
+from .arrays import CONSTANT, Scalar, picked, staged
 
 _LARGEST = 2048
-_CONSTANT = 256
 _WIDE = 128  # nodes from which three products are faster for matrices
 _NARROW = 512  # the same for vectors
 
@@ -39,7 +41,7 @@ def wavenumbers(N: int) -> np.ndarray:
     return np.arange(N // 2 + 1)
 
 
-def _along(matrix: np.ndarray, f: Float[Array, "..."], axis: int) -> Float[Array, "..."]:
+def _along(matrix: np.ndarray | Array, f: Float[Array, "..."], axis: int) -> Float[Array, "..."]:
     """Applies `matrix` along one axis of f.
 
     For a few columns the transposed product is several times faster: XLA makes vectors of its last axis only.
@@ -106,25 +108,24 @@ def _blocks(symbol: np.ndarray, N: int, count: int) -> np.ndarray:
     return blocks[:-1]
 
 
-def circulant(symbol: np.ndarray, N: int) -> np.ndarray:
-    """The matrix (N, N) of `multiply`."""
-    column = np.fft.irfft(symbol, N)
-    j = np.arange(N)
-    return column[(j[:, None] - j[None, :]) % N]
+def circulant(symbol: np.ndarray, N: int) -> np.ndarray | Float[Array, "N N"]:
+    """Returns the matrix (N, N) of `multiply`, in NumPy if it is small."""
+    return _rotations(np.fft.irfft(symbol, N))
+
+
+def _rotations(column: np.ndarray) -> np.ndarray | Float[Array, "N N"]:
+    N = column.shape[0]
+
+    def places(arange):
+        j = arange(N)
+        return (j[:, None] - j[None, :]) % N
+
+    return picked(column, places, N * N)
 
 
 def spread(column: np.ndarray) -> Float[Array, "N N"]:
-    """Returns the circulant matrix with this first column.
-
-    A large matrix is built inside the compiled program. As a constant, every use would store a copy of it in the
-    program, in total gigabytes.
-    """
-    N = column.shape[0]
-    if N > _CONSTANT:
-        j = jnp.arange(N)
-        return lax.optimization_barrier(jnp.asarray(column))[(j[:, None] - j[None, :]) % N]
-    j = np.arange(N)
-    return staged(column[(j[:, None] - j[None, :]) % N])
+    """Returns the circulant matrix with this first column."""
+    return staged(_rotations(column))
 
 
 def derivative_symbol(N: int) -> np.ndarray:
@@ -139,12 +140,12 @@ def derivative(f: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
     return multiply(f, derivative_symbol(f.shape[axis]), axis)
 
 
-def derivative_matrix(N: int) -> np.ndarray:
+def derivative_matrix(N: int) -> np.ndarray | Float[Array, "N N"]:
     """The matrix of `derivative`."""
     return circulant(derivative_symbol(N), N)
 
 
-def elastic_matrices(N: int, cut: int) -> tuple[np.ndarray, np.ndarray]:
+def elastic_matrices(N: int, cut: int) -> tuple[np.ndarray | Float[Array, "N N"], ...]:
     """Returns the matrices of d⁴/dα⁴ and d/dα after `low_pass`."""
     symbol, kept = derivative_symbol(N), low_pass_symbol(N, cut)
     return circulant(symbol**4 * kept, N), circulant(symbol * kept, N)
@@ -167,17 +168,29 @@ def low_pass(f: Float[Array, "..."], cut: int, axis: int = -1) -> Float[Array, "
     return multiply(f, low_pass_symbol(f.shape[axis], cut), axis)
 
 
-def low_pass_matrix(N: int, cut: int) -> np.ndarray:
+def low_pass_matrix(N: int, cut: int) -> np.ndarray | Float[Array, "N N"]:
     """The matrix of `low_pass`."""
     return circulant(low_pass_symbol(N, cut), N)
 
 
-def high_modes(N: int, cut: int) -> np.ndarray:
-    """Returns an orthonormal basis (N, 2·cut - 1) of the modes that `low_pass` removes."""
-    j, k = np.arange(N), np.arange(N // 2 - cut + 1, N // 2)
-    phase = 2 * np.pi * np.outer(j, k) / N
-    pairs = np.concatenate([np.cos(phase), np.sin(phase)], axis=1) * np.sqrt(2 / N)
-    return np.concatenate([pairs, ((-1.0) ** j)[:, None] / np.sqrt(N)], axis=1)
+def high_modes(N: int, cut: int) -> np.ndarray | Float[Array, "N n"]:
+    """Returns an orthonormal basis (N, 2·cut - 1) of the modes that `low_pass` removes, in NumPy if it is small."""
+    count, first = 2 * cut - 1, N // 2 - cut + 1
+    if N * count <= CONSTANT:
+        j, k = np.arange(N), np.arange(first, N // 2)
+        phase = 2 * np.pi * np.outer(j, k) / N
+        pairs = np.concatenate([np.cos(phase), np.sin(phase)], axis=1) * np.sqrt(2 / N)
+        return np.concatenate([pairs, ((-1.0) ** j)[:, None] / np.sqrt(N)], axis=1)
+    phase = 2 * np.pi * np.arange(N) / N
+    tables = np.concatenate([np.sqrt(2) * np.cos(phase), np.sqrt(2) * np.sin(phase), np.cos(phase)]) / np.sqrt(N)
+
+    def places(arange):
+        n = arange(count)
+        table = n // (cut - 1)
+        k = first + n - table * (cut - 1)
+        return table * N + (arange(N)[:, None] * (k + (table == 2) * (N // 2 - first))) % N
+
+    return picked(tables, places, N * count)
 
 
 def low_pass_rows(matrix: Float[Array, "N k"], cut: int) -> Float[Array, "N k"]:
@@ -188,7 +201,7 @@ def low_pass_rows(matrix: Float[Array, "N k"], cut: int) -> Float[Array, "N k"]:
 
 @functools.cache
 def resampling_matrix(N: int, K: int) -> np.ndarray:
-    """The matrix (K, N) of `resample`."""
+    """The matrix (K, N) of `resample`, in NumPy whatever its size."""
     spectrum = np.fft.rfft(np.eye(N), axis=0)
     if K < N:
         spectrum = spectrum[: K // 2]  # drops modes that would alias, and the Nyquist mode of the coarser grid
@@ -197,20 +210,58 @@ def resampling_matrix(N: int, K: int) -> np.ndarray:
     return np.fft.irfft(spectrum, K, axis=0) * (K / N)
 
 
+def resampled(f: np.ndarray, K: int, axis: int) -> np.ndarray:
+    """Does the same as `resample` in NumPy, for use outside of compiled programs."""
+    N = f.shape[axis]
+    if N == K:
+        return f
+    if N * K <= CONSTANT:
+        return np.moveaxis(np.moveaxis(f, axis, -1) @ resampling_matrix(N, K).T, -1, axis)
+    spectrum = np.moveaxis(np.fft.rfft(f, axis=axis), axis, -1)
+    spectrum = spectrum[..., : K // 2] if K < N else spectrum * np.append(np.ones(N // 2), 0.5)
+    return np.moveaxis(np.fft.irfft(spectrum, K, axis=-1) * (K / N), -1, axis)
+
+
+def resampling(N: int, K: int) -> np.ndarray | Float[Array, "K N"]:
+    """Returns the matrix (K, N) of `resample`, in NumPy if it is small."""
+    if N * K <= CONSTANT:
+        return resampling_matrix(N, K)
+    fine = math.lcm(N, K)  # points that include both grids
+    spectrum = np.ones(K // 2 if K < N else N // 2 + 1)
+    if K > N:
+        spectrum[-1] = 0.5
+    kernel = np.fft.irfft(spectrum, fine) * (fine / N)
+    return picked(
+        kernel, lambda arange: (arange(K)[:, None] * (fine // K) - arange(N)[None, :] * (fine // N)) % fine, N * K
+    )
+
+
 def resample(f: Float[Array, "..."], K: int, axis: int = -1) -> Float[Array, "..."]:
     """Returns the trigonometric interpolant of f on K nodes. If K is a multiple of N, values at the old nodes stay."""
     N = f.shape[axis]
-    return f if K == N else _along(resampling_matrix(N, K), f, axis)
+    return f if K == N else _along(resampling(N, K), f, axis)
 
 
 def coefficients(f: Float[Array, "N *rest"]) -> tuple[Float[Array, "k *rest"], Float[Array, "k *rest"]]:
     """Returns a_k and b_k, k = 0 … N/2, of f = Σ a_k cos kα + b_k sin kα; the node axis of f is the first."""
-    N = f.shape[0]
-    transform = np.fft.rfft(np.eye(N), axis=0)
+    cosine, sine = _transforms(f.shape[0])
+    return jnp.tensordot(cosine, f, 1), jnp.tensordot(sine, f, 1)
+
+
+def _transforms(N: int) -> tuple[Float[Array, "k N"], Float[Array, "k N"]]:
+    """Returns the matrices of `coefficients`."""
     k = wavenumbers(N)
     weight = np.where((k == 0) | (k == N // 2), 1.0, 2.0)[:, None] / N
-    cosine, sine = staged(weight * transform.real), staged(-weight * transform.imag)
-    return jnp.tensordot(cosine, f, 1), jnp.tensordot(sine, f, 1)
+    entries = len(k) * N
+    if entries <= CONSTANT:
+        transform = np.fft.rfft(np.eye(N), axis=0)
+        return staged(weight * transform.real), staged(-weight * transform.imag)
+
+    def table(values):
+        return weight * picked(values, lambda arange: (arange(len(k))[:, None] * arange(N)) % N, entries)
+
+    phase = 2 * np.pi * np.arange(N) / N
+    return table(np.cos(phase)), table(np.sin(phase))
 
 
 def series(modes: tuple[Float[Array, "k *rest"], Float[Array, "k *rest"]], alpha: Float[Array, "P"]):

@@ -91,7 +91,7 @@ class CloseGeometry(eqx.Module):
     def coarser(self, matrix: Float[Array, "P K"]) -> TargetMatrix:
         """Returns the matrix that applies `finer` first and then `matrix`."""
         N, K = self.speed.shape[0], self.dz.shape[0]
-        return matrix if N == K else matrix @ fourier.resampling_matrix(N, K)
+        return matrix if N == K else matrix @ fourier.resampling(N, K)
 
     def on_flux(self, matrix: Float[Array, "P K"]) -> TargetMatrix:
         """Returns the matrix that applies `flux` first and then `matrix`."""

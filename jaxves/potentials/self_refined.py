@@ -54,7 +54,7 @@ class SelfKernels(eqx.Module):
     @classmethod
     def refined(cls, x: NodePoints, factor: int, *, electric: bool, contrast: bool = False) -> "SelfKernels":
         """Computes the kernels by Kress's rule on a grid that is `factor` times finer."""
-        R = staged(fourier.resampling_matrix(x.shape[0], factor * x.shape[0]))
+        R = staged(fourier.resampling(x.shape[0], factor * x.shape[0]))
 
         def coarser(kernel: Float[Array, "K K"]) -> NodeMatrix:
             return R.T @ (kernel @ (R / factor))

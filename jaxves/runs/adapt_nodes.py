@@ -83,8 +83,7 @@ def _with_nodes(problem: Problem, N: int) -> tuple[Equation, Journey]:
 
 def finer_rows(f: np.ndarray, K: int) -> np.ndarray:
     """Interpolates f (T, M, N, ...) to K nodes."""
-    N = f.shape[2]
-    return f if K == N else np.moveaxis(np.moveaxis(f, 2, -1) @ fourier.resampling_matrix(N, K).T, -1, 2)
+    return fourier.resampled(f, K, 2)
 
 
 def _tail(f: np.ndarray, N: int, cut: int, least: float = np.finfo(float).tiny) -> float:
