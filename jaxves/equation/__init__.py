@@ -11,6 +11,7 @@ contrast        the same with two viscosities
 inextensible    the tension that keeps the membrane from stretching
 coupled         linear systems that couple all membranes
 shape_block     the linear part A for the shape of one membrane
+rotating_block  the same on N + 2 unknowns, for many nodes
 linear_part     the linear part A for the shapes of all membranes, as one matrix
 implicit        the linear part A at one instant, and solving with 1 - c A
 projection      filter and projection after each step

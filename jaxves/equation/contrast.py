@@ -85,7 +85,7 @@ class ContrastResponse(AbstractResponse):
         surfaces = self.surfaces
 
         def of_one(curve, stokes_slp, laplace_slp, inside):
-            spread = own_spread(curve, stokes_slp, laplace_slp)
+            spread = own_spread(curve.tangent, stokes_slp, laplace_slp)
             return inside.solve_columns(spread.reshape(-1, spread.shape[-1])).reshape(spread.shape)
 
         return jax.vmap(of_one)(surfaces.curves, surfaces.stokes_slp, surfaces.laplace_slp, self.inside)

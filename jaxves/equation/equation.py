@@ -36,7 +36,7 @@ from .implicit import Frozen, Implicit
 from .inextensible import Constraint, assembled_tension
 from .mobility import AbstractMobility, EqualViscosities
 from .projection import Filter
-from .shape_block import shape_block
+from .shape_block import shape_blocks
 from .staged_charging import AbstractStagedCharging
 from .state import Motion, Unknowns
 from .symmetry import Symmetry
@@ -169,13 +169,7 @@ class Equation(eqx.Module):
         """Returns A(y) together with F(y)."""
         motion, constraint, inside, charge = self._motion(t, y, factored=True)
         surfaces = motion.surfaces
-        cuts = dict(cut=self.filter.x, surface_cut=self.filter.surface)
-
-        def block(curve, slp, sigma, bending, constraint, inside):
-            return shape_block(curve, slp, sigma, bending, constraint, inside, **cuts)
-
-        parts = surfaces.curves, surfaces.stokes_slp, motion.sigma, self.scene.bending, constraint, inside
-        A_x = jax.vmap(block)(*parts)
+        A_x = shape_blocks(surfaces, motion.sigma, self.scene.bending, constraint, inside, self.filter)
         A_all = None
         # With two viscosities the interactions are not part of A: one matrix for all shapes would need D of all pairs.
         if self.coupling is not None and self.coupling.together and inside is None:

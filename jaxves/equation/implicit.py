@@ -17,6 +17,7 @@ from ..numerics import linear
 from ..numerics.arrays import Scalar, VesicleNodes, VesiclePoints
 from ..operators.surfaces import Surfaces
 from .inextensible import Constraint
+from .rotating_block import FactoredRotations, RotatingBlock
 from .state import Motion, Unknowns
 
 
@@ -26,14 +27,14 @@ class Shifted(eqx.Module):
     `whole` and `near` are None if one matrix is never used.
     """
 
-    blocks: linear.AbstractFactoredDense
+    blocks: linear.AbstractFactoredDense | FactoredRotations
     whole: linear.FactoredLU | None
     near: Bool[Array, ""] | None
 
     @classmethod
     def of(
         cls,
-        blocks: linear.AbstractFactoredDense,
+        blocks: linear.AbstractFactoredDense | FactoredRotations,
         A: Float[Array, "n n"] | None,
         c: Scalar,
         near: Bool[Array, ""] | None,
@@ -48,6 +49,8 @@ class Shifted(eqx.Module):
 
     def solve(self, r: VesiclePoints) -> VesiclePoints:
         """Returns (1 - c A)⁻¹ r."""
+        if isinstance(self.blocks, FactoredRotations):
+            return self._by_rotations(r)
         M, N, _ = r.shape
         b = jnp.swapaxes(r, 1, 2).reshape(M, 2 * N)
         if self.whole is None:
@@ -59,6 +62,19 @@ class Shifted(eqx.Module):
                 lambda: linear.solve_blocks(self.blocks, b),
             )
         return jnp.swapaxes(d.reshape(M, 2, N), 1, 2)
+
+    def _by_rotations(self, r: VesiclePoints) -> VesiclePoints:
+        def own():
+            return jax.vmap(FactoredRotations.solve)(self.blocks, r)
+
+        if self.whole is None:
+            return own()
+        columns = jnp.swapaxes(r, 1, 2)
+
+        def together():
+            return jnp.swapaxes(self.whole.solve_columns(columns.reshape(-1, 1)).reshape(columns.shape), 1, 2)
+
+        return lax.cond(self.near, together, own)
 
 
 class Implicit(eqx.Module):
@@ -98,15 +114,16 @@ def _unstacked(values: Float[Array, "M n"], like: dict[str, VesicleNodes]) -> di
 class Frozen(eqx.Module):
     """The linear part at one instant, with the constraint for the projection.
 
-    `A_x` (M, 2N, 2N) is for the shapes, with one block per membrane. `A_all` (2MN, 2MN) replaces it while membranes are
-    near. It is zero otherwise, and None if one matrix is never used. `A_scalars` (M, n, n) is for the scalars, in the
-    order of their names; None without scalars. `below` returns c times the rate of the scalars that a change (M, N, 2)
-    of the surfaces of `motion` causes at fixed scalars; None if it is treated explicitly.
+    `A_x` is for the shapes, with one block per membrane: matrices (M, 2N, 2N), or rotations. `A_all` (2MN, 2MN)
+    replaces it while membranes are near. It is zero otherwise, and None if one matrix is never used. `A_scalars`
+    (M, n, n) is for the scalars, in the order of their names; None without scalars. `below` returns c times the rate of
+    the scalars that a change (M, N, 2) of the surfaces of `motion` causes at fixed scalars; None if it is treated
+    explicitly.
     """
 
     motion: Motion
     constraint: Constraint
-    A_x: Float[Array, "M n n"]
+    A_x: Float[Array, "M n n"] | RotatingBlock
     A_all: Float[Array, "Mn Mn"] | None
     A_scalars: Float[Array, "M k k"] | None
     below: Callable[[Surfaces, VesiclePoints, Scalar], dict[str, VesicleNodes]] | None = None
@@ -118,7 +135,11 @@ class Frozen(eqx.Module):
             return linear.factor_blocks(jnp.eye(A.shape[-1]) - c * A)
 
         near = None if self.A_all is None else self.motion.surfaces.interactions.any_near()
-        x = Shifted.of(shifted(self.A_x), self.A_all, c, near)
+        if isinstance(self.A_x, RotatingBlock):
+            blocks = jax.vmap(lambda block: block.factored(c))(self.A_x)
+        else:
+            blocks = shifted(self.A_x)
+        x = Shifted.of(blocks, self.A_all, c, near)
         below = None if self.below is None else jax.tree_util.Partial(_with, self.below, self.motion.surfaces, c)
         return Implicit(x, None if self.A_scalars is None else shifted(self.A_scalars), below)
 

@@ -13,11 +13,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..numerics import fourier, linear
-from ..numerics.arrays import VesicleNodes, VesiclePoints
+from ..numerics.arrays import NodePoints, VesicleNodes, VesiclePoints
 from ..operators.surfaces import Surfaces
 from ..physics import membrane
 from ..potentials.self_stokes import StokesBlocks
 from .inextensible import Constraint, solve_tension
+
+_TRANSPOSED = 128  # nodes
 
 
 class Moved(eqx.Module):
@@ -116,14 +118,25 @@ class EqualResponse(AbstractResponse):
 
     def spread(self) -> Float[Array, "M 2 N N"]:
         surfaces = self.surfaces
-        return jax.vmap(own_spread)(surfaces.curves, surfaces.stokes_slp, surfaces.laplace_slp)
+        return jax.vmap(own_spread)(surfaces.curves.tangent, surfaces.stokes_slp, surfaces.laplace_slp)
 
 
-def own_spread(curve, stokes_slp: StokesBlocks, laplace_slp: Float[Array, "N N"]) -> Float[Array, "2 N N"]:
-    """Returns the matrices of S T of one membrane: the velocity S[(σ x_s)_s]. The weight |x_α| cancels that of ∂_s."""
-    # ∂_α is antisymmetric, so the rows of S ∂ are minus the derivatives of the rows of S.
-    xx, xy, log = (-fourier.derivative(kernel, axis=1) for kernel in (stokes_slp.xx, stokes_slp.xy, laplace_slp))
+def own_spread(
+    direction: NodePoints, stokes_slp: StokesBlocks, laplace_slp: Float[Array, "N N"]
+) -> Float[Array, "2 N N"]:
+    """Returns the matrices from σ to the velocity S[∂_s (σ d)] for directions d (N, 2) at the nodes of one membrane.
+
+    With the tangents this is S T, the velocity from a tension. The weight |x_α| cancels that of ∂_s.
+    """
+    kernels = stokes_slp.xx, stokes_slp.xy, laplace_slp
+    if direction.shape[0] < _TRANSPOSED:
+        # ∂_α is antisymmetric, so the rows of S ∂ are minus the derivatives of the rows of S.
+        xx, xy, log = (-fourier.derivative(kernel, axis=1) for kernel in kernels)
+        tx, ty = direction[:, 0], direction[:, 1]
+    else:  # S is symmetric, so that its columns can be used instead, which are faster to transform
+        xx, xy, log = (-fourier.derivative(kernel, axis=0) for kernel in kernels)
+        tx, ty = direction[:, :1], direction[:, 1:]
     # S_yy = log + const - S_xx, and the constant times ∂ is zero, so S_yy ∂ needs no further product.
     yy = log - xx
-    tx, ty = curve.tangent[:, 0], curve.tangent[:, 1]
-    return jnp.stack([xx * tx + xy * ty, xy * tx + yy * ty])
+    spread = jnp.stack([xx * tx + xy * ty, xy * tx + yy * ty])
+    return spread if direction.shape[0] < _TRANSPOSED else jnp.swapaxes(spread, 1, 2)

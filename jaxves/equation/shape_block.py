@@ -5,20 +5,27 @@ r"""The linear part A for the shape of one membrane.
 G is the single layer S or, with two viscosities, A_ν⁻¹ S. The metric is taken as uniform, because the projection keeps
 it so. `cut` modes are removed from x, `surface_cut` modes from tensions.
 
-P G has only velocities that do not stretch the membrane, which are given by N numbers. A system for these N unknowns is
-cheaper. It agrees with this one only for resolved modes. In the highest modes the difference is stiff, and derivatives
-of a run grew by many orders of magnitude. The matrix is therefore formed from the discretised operators themselves.
+P G has only velocities that do not stretch the membrane, which are given by N + 1 numbers. From `_MANY` nodes on, and
+for equal viscosities, the system for these numbers takes less time (`rotating_block`). Both forms use the discretised
+operators themselves. Another discretisation of A would differ in the highest modes, where the difference is stiff:
+derivatives of a run then grow by many orders of magnitude.
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..geometry.curve import Curve
 from ..numerics import fourier
-from ..numerics.arrays import NodeMatrix, Nodes, Scalar
+from ..numerics.arrays import NodeMatrix, Nodes, PerVesicle, Scalar, VesicleNodes
+from ..operators.surfaces import Surfaces
 from ..potentials.self_stokes import StokesBlocks
 from .inextensible import Constraint
 from .mobility import AbstractInside
+from .projection import Filter
+from .rotating_block import RotatingBlock
+
+_MANY = 128  # nodes; with fewer, compiling another 0.4 s costs more than most runs gain
 
 
 def elastic_matrix(curve: Curve, sigma: Nodes, bending: Scalar, cut: int) -> NodeMatrix:
@@ -57,3 +64,20 @@ def shape_block(
     response = constraint.tension.solve_columns(fourier.low_pass_rows(stretch, surface_cut))
     rows = [row + part @ response for row, part in zip(velocity, constraint.spread, strict=True)]
     return jnp.concatenate([fourier.low_pass_rows(row, cut) for row in rows], axis=0)
+
+
+def shape_blocks(
+    surfaces: Surfaces,
+    sigma: VesicleNodes,
+    bending: PerVesicle,
+    constraint: Constraint,
+    inside: AbstractInside | None,
+    filter: Filter,
+) -> Float[Array, "M n n"] | RotatingBlock:
+    """Returns A_x of every membrane in the form that is faster for this number of nodes."""
+    cuts = dict(cut=filter.x, surface_cut=filter.surface)
+    own = surfaces.curves, surfaces.stokes_slp
+    if inside is None and sigma.shape[1] >= _MANY:
+        parts = *own, surfaces.laplace_slp, sigma, bending, constraint
+        return jax.vmap(lambda *parts: RotatingBlock.of(*parts, **cuts))(*parts)
+    return jax.vmap(lambda *parts: shape_block(*parts, **cuts))(*own, sigma, bending, constraint, inside)
