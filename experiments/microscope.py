@@ -95,6 +95,17 @@ def information(file, bounds, observations, march, truth):
     return judged(np.asarray(jacobian), inside).half_widths
 
 
+def search(file, bounds, observations, truth, rng, march):
+    """Fits from disturbed values. They are drawn again if 32 nodes do not resolve the first run, which a fit says."""
+    while True:
+        start = {n: v if n in NARROW else v * 1.5 ** rng.uniform(-1, 1) for n, v in truth.items()}
+        try:
+            return fit.fit(file, bounds, observations, starts=[start], march=march)
+        except ValueError as error:
+            if "every run broke down" not in str(error):
+                raise
+
+
 def run(films, N, frames, t_end, pulse, tolerance, unknowns):
     """Returns one row for each film: values, intervals, what is open, χ²; and the half-widths that are expected."""
     x, file, march = shapes(N, frames, t_end, pulse, tolerance), scene(N, pulse), Adaptive(tolerance)
@@ -109,8 +120,7 @@ def run(films, N, frames, t_end, pulse, tolerance, unknowns):
             observations = Observations.of_frames(seen, TIME_UNIT)
             if seed == 0:
                 expected = information(file, bounds, observations, march, truth)
-            start = {n: v if n in NARROW else v * 1.5 ** rng.uniform(-1, 1) for n, v in truth.items()}
-            found = fit.fit(file, bounds, observations, starts=[start], march=march)
+            found = search(file, bounds, observations, truth, rng, march)
             row = {"values": found.values, "intervals": found.intervals, "chi2": found.chi2}
             row |= {"observations": found.observations, "loose": found.loose, "determined": found.determined}
             row |= {"seconds": time.perf_counter() - began, "iterations": found.starts[0].iterations}

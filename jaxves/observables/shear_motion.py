@@ -17,13 +17,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
 
 RESTING = np.deg2rad(0.5)
 SWING = np.deg2rad(2.0)
 NAMES = ("open", "treading", "tumbling", "swinging")
 
 History = Float[np.ndarray, "T"]
+
+
+def _spline(t: History, values: Float[np.ndarray, "T ..."]):
+    from scipy.interpolate import CubicSpline  # takes as long to import as the rest of the command line
+
+    return CubicSpline(t, values)
 
 
 class HalfTurns(NamedTuple):
@@ -40,7 +45,7 @@ def half_turns(t: History, inclination: History) -> HalfTurns:
     are those of the cubic spline through the saved values.
     """
     turned = np.abs(inclination - inclination[-1])
-    spline = CubicSpline(t, inclination)
+    spline = _spline(t, inclination)
     sign = np.sign(inclination[-1] - inclination[0]) or 1.0
     times = [float(t[-1])]
     for k in range(1, int(np.max(turned) / np.pi) + 1):
@@ -79,7 +84,7 @@ def average(t: History, inclination: History, values: Float[np.ndarray, "T *rest
     if len(times) <= turns:
         return np.full(np.shape(values)[1:], np.nan)
     start, end = times[-1 - turns], times[-1]
-    return np.asarray(CubicSpline(t, values).integrate(start, end) / (end - start))
+    return np.asarray(_spline(t, values).integrate(start, end) / (end - start))
 
 
 class Motion(NamedTuple):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import jax
 
 from ..base.compiling import options_for
-from .kept_programs import Kind, is_traced, program
+from .kept_programs import is_traced, program
 
 # A step with 64 nodes saves about a millisecond in an optimised program, which takes five seconds longer to compile.
 _MANY_STEPS = 5000
@@ -42,12 +42,17 @@ def _of(function: Callable, options: tuple[tuple[str, int], ...]) -> Callable:
     def call(*positional, **named):
         arguments = positional, named
         leaves, treedef = jax.tree.flatten(arguments)
-        key = treedef, tuple(Kind.of(leaf) if is_traced(leaf) else leaf for leaf in leaves)
+        key = treedef, tuple(_kind(leaf) if is_traced(leaf) else leaf for leaf in leaves)
         if key not in programs:
             programs[key] = program(function, dict(options), arguments)
         return programs[key].result([leaf for leaf in leaves if is_traced(leaf)])
 
     return call
+
+
+def _kind(leaf) -> tuple:
+    """Returns what a program must know of an array. A file needs it in words (`Kind`), which take longer to make."""
+    return leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)
 
 
 def forget() -> None:
