@@ -65,6 +65,10 @@ def _alone(scene_file: Readable) -> Case:
     case = of_one(scene_file, CRITICAL_FIELD)
     if case.scene_file.field is None:
         raise NoCriticalValue("scene_file: a critical field needs a field")
+    time = case.scene_file.field.time
+    if time.kind in ("sine", "ac") and not getattr(time, "averaged", False):
+        wanted = "a field without a period, or averaged = true: the least D within a period says nothing of the class"
+        raise NoCriticalValue(f'field.time.kind = "{time.kind}", expected {wanted}')
     return case
 
 
@@ -105,7 +109,8 @@ def critical_field(
         march: the time stepping; that of the scene by default.
 
     Raises:
-        NoCriticalValue: the vesicle is in the same class at both ends of the bracket, or a run broke down.
+        NoCriticalValue: the vesicle is in the same class at both ends of the bracket, or a run broke down; or the field
+            has a period that is not averaged over.
     """
     case = _alone(scene_file)
     scene_file = case.scene_file

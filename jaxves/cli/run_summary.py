@@ -23,6 +23,7 @@ from ..results.sweep_store import SweepRecord
 
 _SHOWN = (
     "deformation",
+    "deformation_period_mean",
     "inclination_unwrapped",
     "tank_treading_speed",
     "max_V_m",
@@ -73,8 +74,8 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     if warning := _missed_wrinkles(record):
         yield warning
     if "deformation_along_field" in record.diagnostics:
-        codes = classes.classify(record.diagnostics["deformation_along_field"])
-        yield "class: " + ", ".join(classes.NAMES[code] for code in codes)
+        means = classes.MEAN in record.diagnostics
+        yield "class: " + ", ".join(classes.class_names(record.diagnostics)) + " (by means over periods)" * means
     if "line_angle" in record.diagnostics and "dipole" in record.diagnostics:
         yield f"pair: {pair_class(record)}"
     if is_sheared(tomllib.loads(record.scene)):
@@ -157,7 +158,10 @@ def _quantities(record: Record) -> Table:
         columns = values.reshape(len(values), -1).T
         for m, column in enumerate(columns):
             label = name if len(columns) == 1 else f"{name}[{m}]"
-            cells = (column[0], column[-1], column.min(), column.max())
+            there = column[~np.isnan(column)]  # a mean over a period is not known before the first one has ended
+            if not len(there):
+                continue
+            cells = (there[0], there[-1], there.min(), there.max())
             table.add_row(label, *(f"{cell:.6g}" for cell in cells))
     return table
 

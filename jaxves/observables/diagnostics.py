@@ -17,6 +17,8 @@ If the gap d is smaller than the node spacing, the relative error of the drainag
 top of the spectrum of the tension, divided by its largest mode (measured in `experiments/film.py`).
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -26,6 +28,7 @@ from ..equation.state import Motion, Unknowns
 from ..geometry import curve as geometry
 from ..physics.scene import Scene
 from . import of_cell_stress, of_charge, of_field, of_membranes, of_suspension
+from .classes import DEFORMATION
 from .of_membranes import tank_treading_speed
 from .of_suspension import has_stress, stress
 from .registry import GROUPS, Instant
@@ -44,6 +47,27 @@ def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[
     return out
 
 
+def has_period(scene: Scene) -> bool:
+    """Returns whether the scene has a uniform field with a period that the steps resolve."""
+    return scene.field is not None and scene.field.is_uniform() and scene.field.period() is not None
+
+
+def integrands_of(scene: Scene, *, window: bool) -> Callable[[Motion, Scene, Array], dict[str, Array]] | None:
+    """Returns the function that gives the integrands of running integrals; None if the scene needs none.
+
+    `window` is whether time averages over a window are asked for.
+    """
+    if window:
+        return averaged
+    return over_period if has_period(scene) else None
+
+
+def over_period(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
+    """Returns what is averaged over every period of the field, by name."""
+    direction = scene.field.unit_direction()
+    return {DEFORMATION: jax.vmap(geometry.deformation, in_axes=(0, None))(motion.surfaces.curves, direction)}
+
+
 def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
     """Returns the integrands of the time averages by name.
 
@@ -56,12 +80,13 @@ def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
         "tank_treading_speed": jax.vmap(tank_treading_speed)(curves, motion.velocity),
         "deformation": jax.vmap(geometry.deformation, in_axes=(0, None))(curves, jnp.array([0.0, 1.0])),
         "director": jnp.stack([jnp.cos(2 * theta), jnp.sin(2 * theta)], axis=-1),
+        **(over_period(motion, scene, t) if has_period(scene) else {}),
     }
 
 
 def averages(means: dict[str, Array], scene: Scene) -> dict[str, Array]:
     """Returns the time averages by the names of the diagnostics, from the means of the integrands `averaged`."""
-    out = {name: means[name] for name in ("stress", "tank_treading_speed", "deformation") if name in means}
+    out = {name: means[name] for name in ("stress", "tank_treading_speed", "deformation", DEFORMATION) if name in means}
     director = means["director"]
     out["inclination"] = 0.5 * jnp.arctan2(director[..., 1], director[..., 0])
     known = scene.flow is not None and has_stress(scene)

@@ -21,7 +21,7 @@ from ..results.sweep_store import DUE, SKIPPED, SweepRecord
 from .style import COLUMN, INK, PAGE, STYLE, quantity_label, scale
 from .windows import Into, figure_of, given_axes
 
-_COLORS = {"P": "#8fbfe0", "O": "#f0b27a", "POP": "#8ccfb5", "open": "0.85"}
+_COLORS = {"P": "#8fbfe0", "O": "#f0b27a", "POP": "#8ccfb5", "breathing": "#b7a5d9", "open": "0.85"}
 _MORE = ("#d9a5c7", "#e8d98a", "#b0b7e0", "#c9c9c9")
 _KINDS = {"final": "{}", "average": "mean {}", "min": "least {}", "max": "greatest {}"}
 

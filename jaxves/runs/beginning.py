@@ -106,7 +106,6 @@ def continued(scene_file: SceneFile, path: Path, observables: Observables | None
         given = ", ".join(sorted(observables or ())) or "none"
         expected = ", ".join(own) or "none"
         raise StoreError(f"observables = {given}, expected those of the run in {path}: {expected}.")
-    deformation = record.diagnostics.get("deformation_along_field", ())
     leaves = run_store.state(path)
     start = {name: leaves.pop(name) for name in (_START, _START_V_m) if name in leaves}
     given = jnp.asarray(start[_START]), jnp.asarray(start[_START_V_m]) if _START_V_m in start else None
@@ -115,6 +114,6 @@ def continued(scene_file: SceneFile, path: Path, observables: Observables | None
     state = restored(problem.state, leaves, path)
     # Until here the file is unchanged, also after an error or an interrupt.
     rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start, observables)
-    rows.deformation.extend(deformation)
+    rows.remember(record.diagnostics)
     rows.state = state
     return Begun(resolution_of(scene_file, problem, record.x.shape[2]), rows.state, rows)

@@ -147,7 +147,7 @@ def memory_of_machine() -> float:
 
 def _started(scene: Scene, march: AbstractMarch, t_end, average, solved_by):
     solver, coupling = solved_by
-    integrands = None if average is None else diagnostics.averaged
+    integrands = diagnostics.integrands_of(scene, window=average is not None)
     equation = equation_for(scene, solver=solver, coupling=coupling, integrands=integrands)
     state = initial_state(equation, march, average)
     return equation, stops_of(scene, t_end, average), begun(equation, march, state)

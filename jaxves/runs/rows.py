@@ -1,6 +1,7 @@
 """A buffer of rows that are written to the result file, with the state from which the run can be continued."""
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import equinox as eqx
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base import status
+from ..observables import classes
 from ..observables.of_ones_own import Observables, with_own
 from ..observables.rows import Row
 from ..results.hdf5 import StoreError
@@ -63,7 +65,7 @@ class Rows:
         self.writer = writer
         self.start = start
         self._observables = observables
-        self.deformation: list[np.ndarray] = []  # deformation along the field of all rows
+        self._classified: dict[str, list[np.ndarray]] = {}  # the diagnostics of all rows from which classes follow
         self._waiting: list[Row] = []
         self._written = time.perf_counter()
 
@@ -71,10 +73,20 @@ class Rows:
         """Adds a row and the state after it; writes if the last write was some time ago."""
         if len(row.t):
             self._waiting.append(with_own(row, self._observables))
-            self.deformation.extend(row.diagnostics.get("deformation_along_field", ()))
+            self.remember(row.diagnostics)
             self.state = state
         if time.perf_counter() > self._written + SECONDS_BETWEEN_WRITES:
             self.write()
+
+    def remember(self, found: Mapping[str, np.ndarray]) -> None:
+        """Keeps what classes follow from, of the diagnostics of one row or more."""
+        for name in classes.DIAGNOSTICS:
+            if name in found:
+                self._classified.setdefault(name, []).extend(found[name])
+
+    def has_reached(self, name: str) -> bool:
+        """Returns whether every vesicle is in class `name` now, and not every one was at the start."""
+        return bool(classes.has_reached({of: np.array(rows) for of, rows in self._classified.items()}, name))
 
     def write(self) -> None:
         """Writes all rows that are waiting."""

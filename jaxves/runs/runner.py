@@ -17,7 +17,7 @@ from ..base.progress import Progress, silent
 from ..inputs.scene_files import Readable
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import RUN
-from ..observables import classes, diagnostics
+from ..observables import diagnostics
 from ..observables.certificate import certificate, has_enough_digits
 from ..observables.of_ones_own import Observables, require_observables
 from ..results import hdf5, run_store
@@ -123,7 +123,7 @@ def _marched(scene_file: SceneFile, begun: Begun, progress: Told) -> int:
     wanted = None if scene_file.stop is None else scene_file.stop.class_
 
     def code() -> int:
-        if wanted and int(state.status) == status.RUNNING and classes.reached(np.array(rows.deformation), wanted):
+        if wanted and int(state.status) == status.RUNNING and rows.has_reached(wanted):
             return status.CLASS_REACHED
         return int(state.status)
 

@@ -17,6 +17,7 @@ from ..observables.observing import observe
 from ..observables.rows import Row
 from ..physics.scene import Scene
 from .march import AbstractMarch
+from .periods import PeriodMeans
 from .state import Journey, State, Window
 
 
@@ -38,6 +39,7 @@ def initial_state(equation: Equation, march: AbstractMarch, average: Array | Non
         time_error=zero if march.stepper.has_error else None,
         angle=tracking.inclinations(y),
         window=window,
+        period=PeriodMeans.of(equation.scene, y),
         steps=count,
         rejected=count,
         status=jnp.where(equation.scene.is_valid(), status.RUNNING, jnp.int32(status.INVALID)),
@@ -112,7 +114,9 @@ def to_save(
     @eqx.filter_checkpoint
     def row_of(state, cache):
         motion = march.motion(Journey(state, cache), equation)
-        return observe(equation, state.t, state.y, motion, state.angle, state.time_error)
+        row = observe(equation, state.t, state.y, motion, state.angle, state.time_error)
+        found = {} if state.period is None else state.period.diagnostics()
+        return row._replace(diagnostics=row.diagnostics | found)
 
     row = row_of(state, journey.cache)
     code = checks.judge(equation, state.t, state.y, row)

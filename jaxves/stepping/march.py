@@ -84,6 +84,7 @@ class AbstractMarch(eqx.Module):
             time_error=None if error is None else state.time_error + error,
             angle=tracking.followed(state.angle, y),
             window=None if state.window is None else state.window.passed(t, y.integrals),
+            period=None if state.period is None else state.period.after(equation.scene, state.t, state.y, t, y),
             steps=state.steps + 1,
             rejected=state.rejected,
             status=jnp.int32(code),

@@ -188,7 +188,7 @@ def _check_average(average, t_end, times) -> None:
 @eqx.filter_jit
 def _simulated(scene, saved, march, average, checks, options) -> Result:
     """Runs a scene. `saved` are the saved times (K,), or a pair of the end and the number of equally spaced ones."""
-    integrands = None if average is None else diagnostics.averaged
+    integrands = diagnostics.integrands_of(scene, window=average is not None)
     equation = equation_for(scene, integrands=integrands, **options)
     state = initial_state(equation, march, average)
     if isinstance(saved, tuple):

@@ -77,6 +77,9 @@ def _recorded_jvp(primals, tangents):
         return observe(equation, t, y, motion, jnp.zeros_like(start.angle), start.time_error)
 
     d_rows = replay.of_each(row, equation, d_equation, tape, d_tape, counts)
+    if start.period is not None:
+        d_found = replay.of_periods(equation, d_equation, tape, d_tape, counts)
+        d_rows = d_rows._replace(diagnostics=d_rows.diagnostics | d_found)
     d_rows = jax.tree.map(lambda row, d: jnp.where(jnp.isnan(row), 0.0, d), rows, replay.filled(rows, d_rows))
     d_state = replay.of_state(state, start, d_start, tape, d_tape)
     return (state, rows, tape, counts), (d_state, d_rows, d_tape, None)

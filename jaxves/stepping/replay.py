@@ -18,6 +18,7 @@ from jaxtyping import Array, Int, PyTree
 
 from ..equation import tracking
 from ..numerics.batching import greatest
+from . import periods
 from .state import State, Tape, Window
 
 
@@ -75,6 +76,19 @@ def of_each(observe, equation, d_equation, tape: Tape, d_tape: Tape, places: Int
         return linear((equation, t, y), (d_equation, d_t, d_y))
 
     return lax.map(at, jax.tree.map(lambda leaf: leaf[places], ((tape.t, tape.y), (d_tape.t, d_tape.y))))
+
+
+def of_periods(equation, d_equation, tape: Tape, d_tape: Tape, places: Int[Array, "K"]):
+    """Returns the tangents of the diagnostics of the last whole period at these states of the tape, (K, ...)."""
+
+    def of_one(place):
+        def found(equation, times, y):
+            return periods.of_steps(equation, times, y, place, times[place])
+
+        primals, tangents = (equation, tape.t, tape.y), (d_equation, d_tape.t, d_tape.y)
+        return eqx.filter_jvp(found, primals, tangents)[1]
+
+    return lax.map(of_one, places)
 
 
 def of_state(state: State, start: State, d_start: State, tape: Tape, d_tape: Tape) -> State:

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..equation.implicit import Frozen
 from ..equation.state import Unknowns
 from ..numerics.arrays import PerVesicle, Scalar
+from .periods import PeriodMeans
 
 
 class Window(eqx.Module):
@@ -45,6 +46,7 @@ class State(eqx.Module):
     time_error: Scalar | None  # sum of the embedded errors of all accepted steps; None for schemes without any
     angle: PerVesicle  # unwrapped inclination at t
     window: Window | None
+    period: PeriodMeans | None  # only in a field with a period
     steps: Int[Array, ""]
     rejected: Int[Array, ""]
     status: Int[Array, ""]

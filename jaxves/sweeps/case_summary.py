@@ -36,7 +36,6 @@ EXTREMES = (
     "min_gap",
     "effective_viscosity",
 )
-_CLASSIFIED = "deformation_along_field"
 
 
 class _Seen(eqx.Module):
@@ -46,7 +45,7 @@ class _Seen(eqx.Module):
     least: dict[str, Array]
     greatest: dict[str, Array]
     worst: dict[str, Array]  # maxima from which the certificate is computed
-    deformation: Array | None  # deformation along the field at all saved times, (T, M)
+    classified: dict[str, Array] | None  # what classes follow from, at all saved times, (T, M) each
     turning: dict[str, Array] | None  # what the motion in shear follows from, at all saved times
 
     @classmethod
@@ -63,9 +62,9 @@ class _Seen(eqx.Module):
         def series(name):
             return jnp.full((saves, *names[name].shape), jnp.nan)
 
-        deformation = series(_CLASSIFIED) if _CLASSIFIED in names else None
+        classified = {name: series(name) for name in classes.DIAGNOSTICS if name in names} or None
         of_motion = {name: series(name) for name in motions.DIAGNOSTICS if name in names} if turning else None
-        return cls(names, extremes, extremes, worst, deformation, of_motion)
+        return cls(names, extremes, extremes, worst, classified, of_motion)
 
     def with_row(self, k: Array, row: Row, there: Array, kept: dict[str, Array]) -> "_Seen":
         """Returns the values with the row of saved time number k, if `there`. `kept` has the areas and perimeters."""
@@ -75,18 +74,14 @@ class _Seen(eqx.Module):
             {name: jnp.fmin(old, found[name]) for name, old in self.least.items()},
             {name: jnp.fmax(old, found[name]) for name, old in self.greatest.items()},
             jax.tree.map(jnp.fmax, self.worst, certificate.maxima(found, kept, jnp)),
-            None if self.deformation is None else self.deformation.at[k].set(found[_CLASSIFIED]),
-            jax.tree.map(lambda series, value: series.at[k].set(value), self.turning, self._of_motion(found)),
+            _with_row(self.classified, k, found),
+            _with_row(self.turning, k, found),
         )
 
-    def _of_motion(self, found: dict[str, Array]) -> dict[str, Array] | None:
-        return None if self.turning is None else {name: found[name] for name in self.turning}
 
-    def has_class(self, wanted: str) -> Array:
-        """Returns whether all vesicles are in this class now and were not at the start, as `classes.reached`."""
-        code = classes.NAMES.index(wanted)
-        now, before = classes.classify(self.deformation), classes.classify(self.deformation[:1])
-        return jnp.all(now == code) & ~jnp.all(before == code)
+def _with_row(series: dict[str, Array] | None, k: Array, found: dict[str, Array]) -> dict[str, Array] | None:
+    """Returns the time series with the values of saved time number k."""
+    return None if series is None else {name: of.at[k].set(found[name]) for name, of in series.items()}
 
 
 def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scene) -> dict[str, Array]:
@@ -100,7 +95,7 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
     scene_file, checks = case.scene_file, case.checks()
     scene, code = case.at_rest(scene)
     average = None if scene_file.average is None else as_float(scene_file.average)
-    equation = case.equation(scene, integrands=None if average is None else diagnostics.averaged)
+    equation = case.equation(scene, integrands=diagnostics.integrands_of(scene, window=average is not None))
     wanted = None if scene_file.stop is None else scene_file.stop.class_
     stops = stops_of(scene, scene_file.t_end, average)
     state = initial_state(equation, march, average)
@@ -124,7 +119,7 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
         journey, row = lax.cond(running, march_to, lambda journey, _: (journey, nothing), journey, t_save)
         seen = seen.with_row(k, row, ~jnp.isnan(row.t), equation.kept())
         if wanted is not None:
-            reached = (journey.state.status == status.RUNNING) & seen.has_class(wanted)
+            reached = (journey.state.status == status.RUNNING) & classes.has_reached(seen.classified, wanted)
             code = jnp.where(reached, status.CLASS_REACHED, journey.state.status)
             journey = eqx.tree_at(lambda j: j.state.status, journey, code)
         return (journey, seen), _kept(keep, row)
@@ -141,8 +136,8 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
         "steps": state.steps,
         "rejected": state.rejected,
     }
-    if seen.deformation is not None:
-        out["class"] = classes.classify(seen.deformation)
+    if seen.classified is not None:
+        out["class"] = classes.codes_of(seen.classified)
     out |= motions.series(times, seen.turning, scene)
     out |= {f"{name}_final": value for name, value in seen.final.items()}
     means = {} if average is None else diagnostics.averages(state.window.means(), scene)

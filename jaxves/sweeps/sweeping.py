@@ -24,6 +24,7 @@ from ..inputs.checking import SceneError
 from ..inputs.sweep_files import Plan
 from ..inputs.sweep_tables import SweepFile
 from ..observables import quantities
+from ..observables.classes import NAMES
 from ..results import sweep_store
 from ..results.hdf5 import StoreError
 from ..results.ownership import LostFile, real, writing
@@ -252,7 +253,7 @@ def _variables(shapes: dict[str, jax.ShapeDtypeStruct]) -> tuple[dict[str, Varia
         if name == "status" or name.startswith(motions.SERIES):
             continue
         if name == "class":
-            variables[name] = Variable("1", "phase: P, O, POP, or open; of several vesicles joined by +", dtype="S16")
+            variables[name] = Variable("1", f"class: {', '.join(NAMES)}; of several vesicles joined by +", dtype="S64")
             continue
         variables[name] = _EXTRA.get(name) or _variable(name)
         sizes |= dict(zip(variables[name].dims, shape.shape, strict=True))
