@@ -13,6 +13,7 @@ from jaxves.equation.equation import equation_for
 from jaxves.geometry import shapes
 from jaxves.inputs.checking import SceneError
 from jaxves.inputs.scene_files import parse
+from jaxves.physics.critical_frequency import critical_frequencies
 from jaxves.physics.scene import dc_field, make_scene
 from jaxves.physics.waveform import AC, Sine
 from jaxves.stepping.adaptive import Adaptive
@@ -89,6 +90,40 @@ def test_the_load_changes_its_sign_at_the_first_critical_frequency(ratio, epsilo
         _, normal, tangential, _ = of_circle(factor * omega, ratio, 0.0, epsilon)
         loads.append(float(normal - tangential / 4))
     assert loads[0] > 0 > loads[2] and abs(loads[1]) < 1e-8 * loads[0]
+
+
+def test_critical_frequencies_are_those_of_the_closed_forms():
+    def first(ratio, epsilon):
+        return ratio / CHI / np.sqrt(3 * epsilon - 1 - ratio - ratio**2)
+
+    for ratio, epsilon in ((0.1, 1.0), (0.5, 1.0), (0.1, 0.6), (0.3, 1.5)):
+        found = critical_frequencies(ratio, chi=CHI, permittivity_ratio=epsilon)
+        np.testing.assert_allclose(found, [first(ratio, epsilon), np.inf], rtol=1e-12)
+    assert np.all(np.isnan(critical_frequencies(2.0, chi=CHI)))
+    delta, (ratio, epsilon) = 1e-5, (0.1, 0.6)
+    second = np.sqrt(3 * epsilon - 1 - ratio - ratio**2) / (abs(1 - epsilon) * CHI * delta)
+    found = critical_frequencies(ratio, chi=CHI, permittivity_ratio=epsilon, delta=delta)
+    np.testing.assert_allclose(found, [first(ratio, epsilon), second], rtol=1e-3)
+
+
+def test_both_critical_frequencies_and_their_derivatives_are_those_of_the_computed_load():
+    """The load of the code vanishes there, and the zero moves with all numbers as the implicit function says."""
+    numbers = jnp.array([0.3, 0.05, 0.6, 0.01])
+
+    def zeros(numbers):
+        ratio, conductance, epsilon, delta = numbers
+        given = dict(chi=CHI, membrane_conductance=conductance, permittivity_ratio=epsilon, delta=delta)
+        return critical_frequencies(ratio, **given)
+
+    def load(numbers, omega):
+        _, normal, tangential, _ = _of_circle(omega, *numbers[:3], numbers[3])
+        return normal - tangential / 4
+
+    slopes = jax.jit(jax.value_and_grad(load, argnums=(0, 1)))
+    for omega, own in zip(zeros(numbers), jax.jacfwd(zeros)(numbers), strict=True):
+        value, (along, across) = slopes(numbers, omega)
+        assert abs(value) < 1e-9 * BETA / CHI
+        np.testing.assert_allclose(own, -along / across, rtol=1e-6)
 
 
 def test_the_load_changes_its_sign_again_at_the_second_critical_frequency():

@@ -5,7 +5,8 @@ The laws of charging are linear, so both obey them, ŝ with the further term -i�
 
     f_el[E_0] + ½ Re f_el[Ê, Ê*] = f_el[E_0] + ½ f_el[Re Ê] + ½ f_el[Im Ê]
 
-What is neglected is the part of the force that oscillates with 2ω, which moves the shape by O(1/ω).
+What is neglected is the part of the force that oscillates, with 2ω and, beside E_0 or s_0, with ω. It moves the shape
+by O(1/ω), which `observables/of_averaging.py` tells.
 
 A run starts with the periodic envelope, in which a field does not begin. The mean s_0 starts so that the sum of both is
 the state before, and carries the transient after the field is switched on.
@@ -70,13 +71,16 @@ class AveragedCharging(AbstractStagedCharging):
         joined = {name: start[name + _PARTS[0]] + 1j * start[name + _PARTS[1]] for name in names}
         parts, envelope, turning, other = self._envelope(surfaces, joined, c, direct=direct)
         direction = self.field.unit_direction()
-        for amplitude, part in zip(self.field.history.envelope(), (jnp.real, jnp.imag), strict=True):
-            own = surface_fields(surfaces, amplitude * direction, *(part(value) for value in parts))
+        real, imag = (
+            surface_fields(surfaces, amplitude * direction, *(part(value) for value in parts))
+            for amplitude, part in zip(self.field.history.envelope(), (jnp.real, jnp.imag), strict=True)
+        )
+        for own in (real, imag):
             traction = traction + 0.5 * mean_traction(surfaces, own, self.field)
         size = jnp.sqrt(_square(parts[2]))
         found = StagedElectric(
             q, scale * traction, fields, V, V**2 + 0.5 * size**2, jnp.abs(V) + size,
-            scalars | _split(envelope), rates | _split(turning),
+            scalars | _split(envelope), rates | _split(turning), (real, imag),
         )  # fmt: skip
         residual = jnp.maximum(jnp.max(solution.residual), jnp.max(other.residual))
         return found, linear.Solution(g, residual, jnp.max(solution.iterations) + jnp.max(other.iterations))

@@ -27,7 +27,8 @@ from .normal_field import solve_normal_field
 class StagedElectric(AbstractElectric):
     """The electric quantities with the rates of the scalars, which follow from the same fields.
 
-    `V_m_square` is V_m². In a field averaged over its period, all quantities are means over the period.
+    `V_m_square` is V_m². In a field averaged over its period, all quantities are means over the period. `fields` are
+    then those of the mean scalars, and `envelope` has the real and the imaginary part of those that oscillate.
     """
 
     charge: VesicleNodes
@@ -38,6 +39,7 @@ class StagedElectric(AbstractElectric):
     V_m_greatest: VesicleNodes
     found: dict[str, VesicleNodes]
     scalar_rates: dict[str, VesicleNodes]
+    envelope: tuple[SurfaceFields, SurfaceFields] | None = None
 
     def potential(self, scalars):
         return self.V_m

@@ -4,6 +4,7 @@ quantities      names, units and axes of the diagnostics; no JAX
 registry        how a function registers as the one that computes some of the quantities
 of_membranes, of_field, of_suspension   the functions: of each membrane, in a field, of all vesicles
 of_charge       the functions for charge that relaxes in a finite time
+of_averaging    how far a shape swings within a period that is averaged over
 of_cell_stress  the mean stress of a suspension in a periodic cell
 inner_stress    the viscous stress of the insides, where viscosities differ
 of_ones_own     observables that users write

@@ -39,6 +39,7 @@ _DIRECT = {
     "time": ("time_error", "a", "sum of the estimated errors of all steps"),
     "space": ("spectral_tail", "1", "top of the spectrum of x and V_m over its largest mode"),
     "tension": ("tension_tail", "1", "top of the spectrum of the tension over its largest mode"),
+    "averaging": ("averaged_swing", "a", "swing of the shape within a period of the field, which averaging leaves out"),
     "charge": ("charge", "E_inf a", "net charge of a membrane"),
     "force": ("force_residual", "1", "net force of a membrane over the integral of its size"),
     "torque": ("torque_residual", "1", "net torque of a membrane over the integral of its size"),
@@ -85,7 +86,8 @@ def certificate(diagnostics: Mapping[str, np.ndarray], error: float | None = Non
     """Returns the links of a result by name, from its diagnostics. Their first axis has at least one saved time.
 
     `error` is the estimated error of the whole run, None if it was not estimated. There is no link "time" for schemes
-    without an embedded error, and no link "charge" without a field.
+    without an embedded error, no link "charge" without a field, and a link "averaging" only in a field that is averaged
+    over its period.
     """
     links = {} if error is None or np.isnan(error) else {"run": Link(error, "a", "estimated error of the whole run")}
     first = {name: diagnostics[name][0] for name in ("area", "length")}

@@ -27,14 +27,14 @@ from ..equation.equation import Equation
 from ..equation.state import Motion, Unknowns
 from ..geometry import curve as geometry
 from ..physics.scene import Scene
-from . import of_cell_stress, of_charge, of_field, of_membranes, of_suspension
+from . import of_averaging, of_cell_stress, of_charge, of_field, of_membranes, of_suspension
 from .classes import DEFORMATION
 from .of_membranes import tank_treading_speed
 from .of_suspension import has_stress, stress
 from .registry import GROUPS, Instant
 
 # Their functions are called in this order.
-FILES = (of_membranes, of_field, of_charge, of_suspension, of_cell_stress)
+FILES = (of_membranes, of_field, of_charge, of_averaging, of_suspension, of_cell_stress)
 
 
 def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:

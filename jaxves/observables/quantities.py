@@ -38,6 +38,7 @@ QUANTITIES = {
     "neighbor_distance": Quantity("a", "distance of the centre to the nearest other, of more than two vesicles", _EACH),
     "dipole": Quantity("eps E_inf a^2", "∮ (q x - V_m n) ds about the centroid", (*_EACH, "xy")),
     "dipole_angle": Quantity("rad", "angle of the dipole from x, in (-π, π]", _EACH),
+    "averaged_swing": Quantity("a", "swing of the nodes within a period, which an averaged field leaves out", _EACH),
     "interfacial_charge": Quantity("eps_e E_inf a", "∮ Q ds, the charge of both faces of the membrane", _EACH),
     "lipid_tension_max": Quantity("kappa_B/a^2", "greatest λ + ½ C_m V_m², with the share of the capacitor", _EACH),
     "charge": Quantity("E_inf a", "∮ q ds", _EACH),
