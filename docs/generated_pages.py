@@ -303,18 +303,19 @@ def experiments() -> dict[str, str]:
     text = (ROOT / "experiments" / "README.md").read_text(encoding="utf-8")
     links = re.sub(r"\]\((?=figures/|data/|_)", "](../../../experiments/", text)
     links = re.sub(r"\]\(\.\./(?!\.\.)", "](../../../", links)
-    questions = dict(re.findall(r"^\| ([^|]+?) \| `(\w+)[^`]*` \|", links, re.MULTILINE))
-    questions = {name: question for question, name in questions.items()}
-    minutes = dict(re.findall(r"^\|[^|]*\| `(\w+)[^`]*` \| *([\d.]+) *\|", links, re.MULTILINE))
+    listed = re.findall(r"^\| ([^|]+?) \| `(\w+)[^`]*` \| *([\d.]+) *\| ([^|]+?) \|", links, re.MULTILINE)
+    questions, minutes, results = ({row[1]: row[i] for row in listed} for i in (0, 2, 3))
     pages = {}
     for name, body in re.findall(r"(?ms)^\*\*`(\w+)`\.\*\*(.*?)(?=^\*\*`\w+`\.\*\*|^## |\Z)", links):
         question = questions.get(name, name)
         took = f" It takes {minutes[name]} minutes on two busy CPU cores." if name in minutes else ""
-        head = f"# {name}\n\n**{question}**\n\nRun it with `python -m experiments.{name}`.{took}\n\n"
+        answer = f" Answer: {results[name]}." if name in results else ""
+        head = f"# {name}\n\n**{question}**{answer}\n\nRun it with `python -m experiments.{name}`.{took}\n\n"
         pages[name] = head + re.sub(
             r"!\[\]\(([^)]*/(\w+)\.png)\)", rf"![Figure \2: {cell(question)}](\1)", body.strip()
         )
-    rows = [(f"[`{name}`]({name}.md)", questions.get(name, ""), minutes.get(name, "")) for name in pages]
+    columns = questions, results, minutes
+    rows = [(f"[`{name}`]({name}.md)", *(column.get(name, "") for column in columns)) for name in pages]
     toc = "\n".join(["```{toctree}", ":hidden:", "", *pages, "```"])
     paper = links.partition("## The paper, statement by statement")[2].partition("\n## ")[0]
     pages["index"] = "\n".join(
@@ -322,7 +323,7 @@ def experiments() -> dict[str, str]:
             "# Experiments\n",
             "Each experiment asks one question and has a page with its result, its figure and its command.",
             "`python -m experiments` lists them, and `--quick` runs each at toy size.\n",
-            table(("experiment", "question", "minutes"), rows),
+            table(("experiment", "question", "answer", "minutes"), rows),
             toc,
         ]
     )

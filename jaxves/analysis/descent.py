@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from ..base.arguments import refusal
 from ..numerics.arrays import as_float
 from . import boxes
-from .search import Start, Target, Told, linearised
+from .search import AfterRun, Start, Target, linearised
 
 _WANTED = "an optimiser of Optax without a line search, such as optax.adam(0.1), or None for the trust region"
 _TRIED = 8  # number of steps that distinguish optimisers
@@ -52,7 +52,7 @@ def descent(
     target: Target,
     tolerance: float,
     max_steps: int,
-    told: Told = lambda run, chi2: None,
+    told: AfterRun = lambda run, chi2: None,
     *,
     method: optax.GradientTransformation,
 ) -> Start:

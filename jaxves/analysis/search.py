@@ -23,7 +23,7 @@ from . import boxes
 from .boxes import Box
 from .observations import Model, Observations
 
-Told = Callable[[int, float], None]  # number of runs, χ² of the last one
+AfterRun = Callable[[int, float], None]  # number of runs, χ² of the last one
 
 
 class Start(NamedTuple):
@@ -81,7 +81,11 @@ def starting_points(
 
 
 def trust_region(
-    point: Mapping[str, float], target: Target, tolerance: float, max_steps: int, told: Told = lambda run, chi2: None
+    point: Mapping[str, float],
+    target: Target,
+    tolerance: float,
+    max_steps: int,
+    told: AfterRun = lambda run, chi2: None,
 ) -> Start:
     """Returns the end of a trust-region search from `point` with at most `max_steps` runs.
 

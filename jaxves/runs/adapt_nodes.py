@@ -150,10 +150,11 @@ class Resolution:
         self.first = problem
         self._reached: Journey | None = None
 
-    def other(self, nodes: float, tolerance: float) -> tuple["Resolution", State]:
+    def other(self, nodes: float, tolerance: float, say: Callable[[str], None]) -> tuple["Resolution", State]:
         """Returns the same run with about `nodes` times its nodes and `tolerance` times its tolerance, and its start.
 
-        If the number of nodes is adapted, the limit of the spectra is changed as well.
+        If the number of nodes is adapted, the limit of the spectra is changed as well. `say` is told which number of
+        nodes is compiled for.
         """
         march = self.first.march.with_tolerance(tolerance)
         sizes = tuple(max(2 * round(0.5 * nodes * N), _FEWEST) for N in self.sizes)
@@ -167,7 +168,7 @@ class Resolution:
         problem = self._anew(N)
         first = strengthened(eqx.tree_at(lambda p: p.march, problem or self.first, march))
         other = Resolution(first, sizes, limit)
-        return other, first.state if problem else other._moved(first.state, N)
+        return other, first.state if problem else other._moved(first.state, N, say)
 
     def up_to(self, nodes: float | int) -> "Resolution":
         """Returns the same run with numbers of nodes up to about `nodes`, and at least that of its start."""
@@ -240,7 +241,7 @@ class Resolution:
         """Returns the number of nodes that the compression of the membranes in a row asks for."""
         return nodes_for_wrinkles(row, np.asarray(self.first.equation.scene.bending))
 
-    def _moved(self, state: State, N: int, say: Callable[[str], None] = lambda text: None) -> State:
+    def _moved(self, state: State, N: int, say: Callable[[str], None]) -> State:
         if N not in self._problems:
             say(f"compiling with {N} nodes")
         y = strengthened(compiled(_settled)(self.problem(N).equation, state.y))

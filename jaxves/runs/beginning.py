@@ -1,6 +1,5 @@
 """Begins a run: with a new result file, from an earlier result, or after the last row of its own file."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..base.progress import Told
 from ..inputs.scene_files import to_toml
 from ..inputs.scene_tables import SceneFile
 from ..observables.of_ones_own import Observables, with_own
@@ -28,8 +28,6 @@ from .rows import Rows, restored
 
 # Names in the restart state: nodes (after relaxation) and, if not zero, potential at t = 0, before they are filtered.
 _START, _START_V_m = "start", "start_V_m"
-
-Told = Callable[[float, str], None]  # time reached, text to show
 
 
 class Begun(NamedTuple):

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base import status
+from ..base.progress import Told
 from ..observables.rows import Row
 from .adapt_nodes import Resolution, finer_rows
 
@@ -75,9 +76,7 @@ class _Compared(NamedTuple):
         return float(np.max(self.apart * np.minimum(share, 1.0)))
 
 
-def estimated_error(
-    resolution: Resolution, rows: Callable[[int], Row], times: np.ndarray, progress: Callable[[float, str], None]
-) -> float:
+def estimated_error(resolution: Resolution, rows: Callable[[int], Row], times: np.ndarray, progress: Told) -> float:
     """Returns the estimated largest error of any node in position (in a) or potential (in a E_inf) of a run.
 
     `rows(i)` returns the row of saved time i of `times`; row 0 is the start. The result is infinite if every second run
@@ -102,11 +101,11 @@ def _compared(
     second: _Second,
     rows: Callable[[int], Row],
     times: np.ndarray,
-    progress: Callable[[float, str], None],
+    progress: Told,
 ) -> _Compared | None:
     """Makes the second run and compares it with the first; returns None if it breaks down."""
     progress(times[-1], f"estimating the error: compiling a run with {second.in_words()}")
-    other, state = resolution.other(second.nodes, second.tolerance)
+    other, state = resolution.other(second.nodes, second.tolerance, partial(progress, times[-1]))
     apart, ratios, tails = [], [], np.zeros((2, len(_TAILS)))
     last = len(times) - 1
     for i in instants(lambda i: int(rows(i).steps), last):

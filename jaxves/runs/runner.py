@@ -13,7 +13,7 @@ import numpy as np
 
 from ..base import status
 from ..base.arguments import refusal
-from ..base.progress import Progress, silent
+from ..base.progress import Progress, Told, silent
 from ..inputs.scene_files import Readable
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import RUN
@@ -23,7 +23,7 @@ from ..observables.of_ones_own import Observables, require_observables
 from ..results import hdf5, run_store
 from ..results.ownership import real, writing
 from ..stepping.state import Window
-from .beginning import Begun, Told, continued, new
+from .beginning import Begun, continued, new
 from .case import Case
 from .continuation import is_done, saved_times
 from .error_estimate import estimated_error
