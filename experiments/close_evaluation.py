@@ -11,17 +11,19 @@ factorisation of 512 unknowns. A single density costs a third of it.
 
 import statistics
 import time
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from matplotlib.figure import Figure
 
 from jaxves.geometry.curve import Curve
+from jaxves.plots import run_plots
 from jaxves.potentials import close_laplace, close_stokes, far, kernels
 from jaxves.potentials.close_laplace import CloseGeometry
 
-FIGURE = Path(__file__).parent / "figures" / "close_evaluation.png"
+from ._common import save, styled
+
 SHAPES = {
     "circle": (lambda t: np.exp(1j * t), 96),
     "ellipse": (lambda t: np.cos(t) + 0.25j * np.sin(t), 256),
@@ -162,18 +164,17 @@ def run(shapes=tuple(SHAPES), distances=DISTANCES, sizes=(100, 150, 200, 300)):
     return {"by_distance": {name: by_distance(name, distances) for name in shapes}, "four_cases": four_cases(sizes)}
 
 
-def draw(errors, distances=DISTANCES):
-    """One panel a shape: errors against distance, inside and outside."""
-    import matplotlib.pyplot as plt
-
-    figure, panels = plt.subplots(1, len(errors), figsize=(4 * len(errors), 3.6), sharey=True, layout="constrained")
+@styled
+def draw(errors, distances=DISTANCES) -> Figure:
+    """Draws the errors of each shape against the distance, the larger one of both sides."""
+    figure = Figure(figsize=(run_plots.PAGE, 2.8), layout="constrained")
+    panels = figure.subplots(1, len(errors), sharey=True)
     for axes, (name, shape) in zip(panels, errors.items(), strict=True):
         for color, (kind, error) in zip(("C0", "C1", "C2", "0.6"), shape.items(), strict=True):
-            for side, style, place in zip(error, ("-o", "--s"), ("inside", "outside"), strict=True):
-                axes.loglog(distances, side + 1e-17, style, color=color, ms=3, lw=1, label=f"{kind}, {place}")
-        axes.set(title=f"{name}, N = {SHAPES[name][1]}", xlabel="distance", ylim=(1e-17, 10))
+            axes.loglog(distances, np.max(error, axis=0) + 1e-17, ".-", color=color, lw=1, label=kind)
+        axes.set(title=f"{name}, $N = {SHAPES[name][1]}$", xlabel="distance / $a$", ylim=(1e-16, 10))
     panels[0].set_ylabel("largest relative error")
-    panels[0].legend(fontsize=6, loc="center right")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return figure
 
 
@@ -188,8 +189,7 @@ def main():
         print(f"{N:24d}   " + "  ".join(f"{error:.1e}" for error in errors))
     for name, seconds in timings().items():
         print(f"{name:24} {1e3 * seconds:7.2f} ms")
-    FIGURE.parent.mkdir(exist_ok=True)
-    draw(found["by_distance"]).savefig(FIGURE, dpi=150)
+    save(draw(found["by_distance"]), "close_evaluation")
 
 
 if __name__ == "__main__":

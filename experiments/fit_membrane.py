@@ -93,17 +93,29 @@ def expected(found_row):
 
 @styled
 def draw(found) -> Figure:
-    """Draws the intervals of all fits, relative to the true values."""
+    """Draws the intervals of the first number, and the other numbers against it, relative to the true values."""
     figure = Figure(figsize=(run_plots.PAGE, 2.4))
-    for axes, (name, value) in zip(figure.subplots(1, len(TRUTH), sharey=True), TRUTH.items(), strict=True):
-        for i, row in enumerate(found["fits"]):
-            color = "C0" if row["inside"][name] else "C3"
-            if row["intervals"][name] is not None:
-                axes.plot(np.array(row["intervals"][name]) / value, [i, i], color=color, lw=1.5)
-            axes.plot(row["values"][name] / value, i, "o", color=color, ms=2.5)
-        axes.axvline(1, color="0.6", lw=0.8)
-        axes.set(xlabel=f"{SYMBOLS[name]} / true", title=f"{found['inside'][name]} of {len(found['fits'])}")
-    figure.axes[0].set(ylabel="trajectory")
+    left, *others = figure.subplots(1, len(TRUTH))
+    first, *rest = TRUTH
+
+    def deviation(row, name):
+        return 100 * (row["values"][name] / TRUTH[name] - 1)
+
+    for i, row in enumerate(found["fits"]):
+        color = "C0" if row["inside"][first] else "C1"
+        if row["intervals"][first] is not None:
+            left.plot(100 * (np.array(row["intervals"][first]) / TRUTH[first] - 1), [i, i], color=color, lw=1.5)
+        left.plot(deviation(row, first), i, "o", color=color, ms=2.5)
+    left.axvline(0, color="0.6", lw=0.8)
+    left.set(xlabel=f"{SYMBOLS[first]}, %", ylabel="trajectory", yticks=[])
+    left.set_title(f"{found['inside'][first]} of {len(found['fits'])} contain the truth", fontsize="small")
+    for axes, name in zip(others, rest, strict=True):
+        axes.plot(
+            *zip(*((deviation(row, first), deviation(row, name)) for row in found["fits"]), strict=True), "o", ms=3
+        )
+        axes.axhline(0, color="0.6", lw=0.8)
+        axes.axvline(0, color="0.6", lw=0.8)
+        axes.set(xlabel=f"{SYMBOLS[first]}, %", ylabel=f"{SYMBOLS[name]}, %")
     return figure
 
 

@@ -136,7 +136,7 @@ def spread(rows, area) -> tuple[float, float, float]:
 @styled
 def draw(found) -> Figure:
     """Draws the three quantities against Λ for runs that settle."""
-    figure = Figure(figsize=(run_plots.PAGE, 2.6))
+    figure = Figure(figsize=(run_plots.PAGE, 2.9), layout="constrained")
     kinds = (
         ("viscosity", 1.0, r"$[\mu]$"),
         ("inclination", 180 / np.pi, "inclination (degrees)"),
@@ -147,7 +147,7 @@ def draw(found) -> Figure:
             ax.semilogx(found["ratios"], scale * np.array(row[name]), ".-", ms=4, lw=1, label=rf"$\Delta = {area:g}$")
         ax.set(xlabel=r"$\Lambda$", ylabel=label)
     ax.axhline(0, color="0.7", linewidth=0.6)
-    ax.legend(fontsize=7)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=len(found["against Λ"]))
     return figure
 
 

@@ -216,6 +216,11 @@ def run(groups=None, stepped=tuple(STEPPED), counts=COUNTS):
     return found | ({"largest step": {name: largest_steps(name, counts) for name in stepped}} if stepped else {})
 
 
+_MEANINGS = {
+    "right": "complete, with its error",
+    "stopped": "stopped, with its status",
+    "wrong": "complete, and the error exceeds 1e-3",
+}
 _COLORS = {"right": "#b7e1c0", "stopped": "#fbdc9c", "wrong": "#f2a3a3"}
 
 
@@ -242,6 +247,9 @@ def draw(found, columns=7) -> Figure:
         y += -(-len(cells) // columns)
     axes.set(xlim=(0, columns), ylim=(y, 0))
     axes.set_axis_off()
+    shown = {cell["verdict"] for cells in groups.values() for cell in cells.values()}
+    key = [Rectangle((0, 0), 1, 1, color=_COLORS[word], label=_MEANINGS[word]) for word in _COLORS if word in shown]
+    axes.legend(handles=key, loc="upper left", bbox_to_anchor=(0, 0), ncols=2, fontsize=7)
     return figure
 
 
