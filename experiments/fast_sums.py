@@ -7,7 +7,8 @@ The nodes are those of ellipses on a square lattice, turned at random. Fast sums
 `direct, jnp.log` is the direct sum with the logarithm of XLA, which version 0.1.0 used. Direct sums are timed for the
 nodes of at most 16 vesicles and scaled to all of them. Times are processor times of calls in turns. The error is the
 largest at these nodes, relative to the largest value. `build` makes lists, windows and the matrices of the local part,
-once per geometry; `velocity` and `gradient` are one sum each.
+once per geometry; `velocity` and `gradient` are one sum each. `double layer` is the sum of the Stokes double layer, on
+the finer grid that it needs, and `build with it` makes what both layers need.
 
 What to expect: an error below the tolerance, and a time that grows a little faster than the number of nodes.
 
@@ -29,6 +30,7 @@ from matplotlib.figure import Figure
 
 from jaxves.ewald.lists import Excluded
 from jaxves.ewald.plans import plan_for
+from jaxves.ewald.stresslets import StressletSums
 from jaxves.ewald.sums import EwaldSums
 from jaxves.geometry.curve import Curve
 from jaxves.geometry.domain import Free
@@ -91,6 +93,16 @@ def _fast(sums: EwaldSums, curves: Curve, f, q, some):
     return sums.stokes(f)[some] - velocity, sums.slp_gradient(q)[some] - gradient
 
 
+def _fast_double_layer(sums: StressletSums, curves: Curve, u, some):
+    """Returns the double layer at the nodes of `some` vesicles, over all others."""
+
+    def own(m):
+        matrix = sums.smooth_matrix(curves.x[m], curves.x[m], curves.normal[m], curves.weights[m])
+        return (matrix @ u[m].T.reshape(-1)).reshape(2, -1).T
+
+    return sums(u)[some] - jax.lax.map(own, some)
+
+
 def _in_turns(calls: dict, repeats: int) -> dict[str, float]:
     """Returns the median processor time of each call."""
     for call in calls.values():
@@ -112,21 +124,33 @@ def row(M: int, N: int, tolerance: float, repeats: int) -> dict:
     nothing = Excluded(jnp.zeros(1, int), jnp.zeros(1, int), None, jnp.zeros(1, bool))
     build = jax.jit(lambda curves: EwaldSums.of(curves.x, curves.weights, plan, Free(), nothing))
     sums = build(curves)
-    velocity, gradient = jax.jit(EwaldSums.stokes), jax.jit(EwaldSums.slp_gradient)
-    old, new, charges = (
+    finer = plan_for(M, N, tolerance, contrast=True)
+
+    @jax.jit
+    def build_both(curves):
+        both = EwaldSums.of(curves.x, curves.weights, finer, Free(), nothing)
+        return StressletSums.of(both, curves.normal, Free())
+
+    stresslets = build_both(curves)
+    sums_of = EwaldSums.stokes, EwaldSums.slp_gradient, StressletSums.__call__
+    velocity, gradient, double = (jax.jit(function) for function in sums_of)
+    old, new, charges, doubled = (
         jax.jit(lambda curves, density, some, potential=potential: _directly(potential, curves, density, some))
-        for potential in (_with_xla_logarithm, far.stokes_slp, far.laplace_slp_gradient)
+        for potential in (_with_xla_logarithm, far.stokes_slp, far.laplace_slp_gradient, far.stokes_dlp)
     )
-    exact = new(curves, f, some), charges(curves, q, some)
-    found = jax.jit(_fast)(sums, curves, f, q, some)
+    exact = new(curves, f, some), charges(curves, q, some), doubled(curves, f, some)
+    found = *jax.jit(_fast)(sums, curves, f, q, some), jax.jit(_fast_double_layer)(stresslets, curves, f, some)
     errors = [float(jnp.max(jnp.abs(a - b)) / jnp.max(jnp.abs(b))) for a, b in zip(found, exact, strict=True)]
     calls = {
         "direct, jnp.log": lambda: old(curves, f, some),
         "direct": lambda: new(curves, f, some),
         "direct gradient": lambda: charges(curves, q, some),
+        "direct double layer": lambda: doubled(curves, f, some),
         "build": lambda: build(curves),
         "velocity": lambda: velocity(sums, f),
         "gradient": lambda: gradient(sums, q),
+        "build with it": lambda: build_both(curves),
+        "double layer": lambda: double(stresslets, f),
     }
     seconds = _in_turns(calls, repeats)
     scaled = {name: value * (M / len(some) if "direct" in name else 1) for name, value in seconds.items()}
@@ -137,7 +161,8 @@ def row(M: int, N: int, tolerance: float, repeats: int) -> dict:
         "seconds": scaled,
         "error of velocity": errors[0],
         "error of gradient": errors[1],
-        "lists too short": bool(sums.overflow),
+        "error of double layer": errors[2],
+        "lists too short": bool(sums.overflow | stresslets.sums.overflow),
     }
 
 
@@ -204,10 +229,12 @@ def draw(rows) -> Figure:
 def report(rows) -> None:
     """Prints the table."""
     names = list(rows[0]["seconds"])
-    print("  nodes  tolerance  " + "  ".join(f"{name:>15}" for name in names) + "  error: velocity  gradient")
+    heads = "  ".join(f"{name:>19}" for name in names)
+    print(f"  nodes  tolerance  {heads}  error: velocity  gradient  double layer")
     for row in rows:
-        seconds = "  ".join(f"{row['seconds'][name]:15.4f}" for name in names)
+        seconds = "  ".join(f"{row['seconds'][name]:19.4f}" for name in names)
         errors = f"{row['error of velocity']:16.1e}{row['error of gradient']:10.1e}"
+        errors += f"{row['error of double layer']:14.1e}"
         print(f"{row['nodes']:7d} {row['tolerance']:10.0e}  {seconds} {errors}")
 
 
