@@ -2,6 +2,7 @@
 
     python -m experiments.suspensions            # shear, and a field: tables and a figure, 17 minutes
     python -m experiments.suspensions --dense    # a denser one in shear and a field at once, 10 minutes
+    python -m experiments.suspensions --contrast # viscosity and iterations for inner viscosities, 6 minutes
 
 All vesicles have Δ = 0.9 and are put at random places and angles in a periodic square cell. In shear without a field
 (Ca = 10), the viscosity of the suspension is averaged over the strain after the first third. Its statistical error is
@@ -12,6 +13,10 @@ conductances G = 0 and G = 1.
 What to expect: the viscosity exceeds the dilute value by more the larger φ is. Membranes charge, which lowers the
 conductivity. With G = 0 vesicles then become prolate along the field and form chains, so that the conductivity rises.
 With G = 1 they become oblate, and it hardly changes.
+
+With another viscosity inside (`--contrast`), the viscosity of the suspension is compared with the dilute value of the
+same viscosity ratio ν. F has one linear system for all velocities and tensions, which the factors of the single
+vesicles precondition. Its iterations of GMRES are counted for random suspensions.
 """
 
 import argparse
@@ -19,12 +24,22 @@ import tempfile
 import time
 from pathlib import Path
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
 import jaxves
+from jaxves.equation.equation import equation_for
+from jaxves.equation.state import Unknowns
+from jaxves.geometry import shapes
+from jaxves.geometry.domain import Cell
+from jaxves.geometry.placement import random_suspension
 from jaxves.observables.certificate import certificate
 from jaxves.observables.chains import chains
+from jaxves.operators.sums import accuracy_of_sums, coupling_in_cell, residual_of_systems
+from jaxves.physics.flow import Shear
+from jaxves.physics.scene import make_scene
 from jaxves.plots import run_plots
 from jaxves.plots.cell_plots import suspension
 
@@ -36,6 +51,8 @@ CAPILLARY_NUMBER = 10.0
 FIELD = {"beta": 6.4, "conductivity_ratio": 0.1}
 REACH = 2.2  # distance of centres of bound vesicles; two that touch side by side or end to end are 1.4 and 2.5 apart
 PARTS = 4
+INTRINSIC = {0.1: 1.922, 1.0: 1.779, 10.0: 1.814, 100.0: 1.986}  # [μ] of one vesicle by ν (`viscosity_contrast`)
+QUICK_CONTRAST = dict(ratios=(5.0,), sizes=(2,), count=2, N=32, strain=0.2, saves=6, tolerance=1e-2)
 QUICK = dict(fractions=((0.1, 2),), conductances=(1.0,), M=2, N=32, strain=0.3, t_end=0.02, saves=6, tolerance=1e-2)
 
 
@@ -84,10 +101,12 @@ def mean_and_error(values: np.ndarray) -> tuple[float, float]:
     return float(np.mean(late)), float(np.std(means, ddof=1) / np.sqrt(PARTS))
 
 
-def sheared(fraction: float, count: int, intrinsic: float, *, N: int, strain: float, saves: int, tolerance: float):
-    """Returns the viscosity of a suspension in shear and its last shapes."""
-    flow = {"kind": "shear", "capillary_number": CAPILLARY_NUMBER}
-    tables = scene(fraction, count, N, strain / CAPILLARY_NUMBER, saves, tolerance, flow=flow)
+def sheared(
+    fraction: float, count: int, intrinsic: float, *, N: int, strain: float, saves: int, tolerance: float, **tables
+):
+    """Returns the viscosity of a suspension in shear and its last shapes; `tables` are added to its scene."""
+    tables = tables | {"flow": {"kind": "shear", "capillary_number": CAPILLARY_NUMBER}}
+    tables = scene(fraction, count, N, strain / CAPILLARY_NUMBER, saves, tolerance, **tables)
     record, seconds = record_of(tables)
     viscosity = record.diagnostics["relative_viscosity"]
     mean, error = mean_and_error(viscosity)
@@ -130,6 +149,37 @@ def picture_of(record, tables: dict, rate: float) -> dict:
     lean = rate * record.t[-1] * lattice[1, 1]
     lattice[1, 0] = lean - np.round(lean / lattice[0, 0]) * lattice[0, 0]
     return {"x": record.x[-1], "lattice": lattice}
+
+
+@eqx.filter_jit
+def _solved(scene, coupling):
+    motion = equation_for(scene, coupling=coupling).motion(jnp.zeros(()), Unknowns.of(scene.x))
+    return motion.iterations, motion.residual
+
+
+def iterations(M: int, ratios, N: int, fraction=0.3) -> dict:
+    """Returns the iterations of F for M vesicles in shear at a tolerance of 1e-4, by viscosity ratio; None: equal."""
+    lattice = np.sqrt(REDUCED_AREA * np.pi * M / fraction) * np.eye(2)
+    x = random_suspension(np.asarray(shapes.ellipse(N, REDUCED_AREA)), lattice, count=M, seed=0)
+    coupling = coupling_in_cell(accuracy=accuracy_of_sums(1e-4), solved=residual_of_systems(1e-4))
+    found = {}
+    for ratio in (None, *ratios):
+        cell = Cell.of(lattice)
+        at = make_scene(list(x), flow=Shear(CAPILLARY_NUMBER), viscosity_ratio=ratio, cell=cell)
+        found["equal" if ratio is None else str(ratio)] = int(_solved(at, coupling)[0])
+    return found
+
+
+def contrast(
+    ratios=tuple(INTRINSIC), sizes=(2, 16, 64), fraction=0.2, count=6, N=48, strain=6.0, saves=60, tolerance=1e-3
+) -> dict:
+    """Returns the viscosity of a suspension by viscosity ratio, and iterations by number of vesicles and ratio."""
+    how = dict(N=N, strain=strain, saves=saves, tolerance=tolerance)
+    rows = []
+    for ratio in ratios:
+        row, _ = sheared(fraction, count, INTRINSIC.get(ratio, np.nan), fluid={"viscosity_ratio": ratio}, **how)
+        rows.append({"ratio": ratio} | row)
+    return {"rows": rows, "iterations": {M: iterations(M, ratios, N) for M in sizes}}
 
 
 def dense(count=36, N=64, t_end=0.25, saves=50, tolerance=1e-3) -> dict:
@@ -224,7 +274,18 @@ def quality_line(row: dict) -> str:
 def main():
     parser = argparse.ArgumentParser(prog="python -m experiments.suspensions", description=__doc__.splitlines()[0])
     parser.add_argument("--dense", action="store_true", help="the denser suspension alone")
-    if parser.parse_args().dense:
+    parser.add_argument("--contrast", action="store_true", help="viscosities inside that differ")
+    wanted = parser.parse_args()
+    if wanted.contrast:
+        found = contrast()
+        for row in found["rows"]:
+            print(f"ν = {row['ratio']:g}: {row['viscosity']:.4f} ± {row['error']:.4f}, dilute {row['dilute']:.4f}")
+            print(f"{quality_line(row)}, {row['seconds']:.0f} s")
+        for M, counts in found["iterations"].items():
+            print(f"iterations of {M}: {counts}")
+        store("suspensions", found, "contrast")
+        return
+    if wanted.dense:
         row = dense()
         print(quality_line(row))
         store("suspensions", row, "dense")

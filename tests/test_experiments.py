@@ -222,6 +222,14 @@ def test_suspensions_in_shear_and_in_a_field_end_complete():
 
 
 @pytest.mark.slow
+def test_a_suspension_of_viscous_vesicles_in_shear_ends_complete():
+    found = suspensions.contrast(**suspensions.QUICK_CONTRAST)
+    (row,), counts = found["rows"], found["iterations"][2]
+    assert row["status"] == "complete" and 1 < row["viscosity"] < 3
+    assert 0 < counts["equal"] <= counts["5.0"] < 30
+
+
+@pytest.mark.slow
 def test_a_close_pair_costs_more_than_a_vesicle():
     found = scale.run_few(**scale.QUICK_FEW)
     assert found["pairs"]["near pair"] > found["pairs"]["single"]
