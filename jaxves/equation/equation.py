@@ -41,13 +41,16 @@ from .staged_charging import AbstractStagedCharging
 from .state import Motion, Unknowns
 from .symmetry import Symmetry
 
+_MANY = 256  # nodes from which stages solve for the tension by iteration
+_LARGEST = 1e-9  # residual of the tension in a stage; a step with a larger one is refused
+
 
 class Equation(eqx.Module):
     """F, A and the constraints for one scene.
 
     The projection restores `area` (M,) and `speed` (M,), the arc length per unit of α. `electrics` is None without a
     field, `coupling` is None for a single membrane, and `symmetry` is None if no symmetry is kept. `integrands` is a
-    function (Motion, Scene, t) -> dict of the integrands of running integrals, or None.
+    function (Motion, Scene, t) -> dict of the integrands of running integrals, or None. `nearby` is set by `near`.
     """
 
     scene: Scene
@@ -61,6 +64,7 @@ class Equation(eqx.Module):
     refinement: Refinement
     domain: AbstractDomain
     integrands: object = eqx.field(static=True, default=None)
+    nearby: linear.AbstractFactoredDense | None = None
 
     @property
     def is_alone(self) -> bool:
@@ -87,15 +91,25 @@ class Equation(eqx.Module):
         return self._motion(t, y, factored=False)[0]
 
     def rate(self, t: Scalar, y: Unknowns) -> Unknowns:
-        """Returns F(y). It is NaN if there are too many near pairs, which would make it wrong."""
+        """Returns F(y). It is NaN if there are too many near pairs, or if `nearby` shapes are not near enough."""
         return self._sound_rate(t, self.motion(t, y))
 
     def _sound_rate(self, t: Scalar, motion: Motion) -> Unknowns:
         rate = self._rate(t, motion)
         across = motion.surfaces.interactions
-        if across is None or across.crowded is None:
+        if self.nearby is None and (across is None or across.crowded is None):
             return rate
-        return jax.tree.map(lambda leaf: jnp.where(jnp.isposinf(motion.residual), jnp.nan, leaf), rate)
+        limit = jnp.inf if self.nearby is None else _LARGEST
+        return jax.tree.map(lambda leaf: jnp.where(motion.residual < limit, leaf, jnp.nan), rate)
+
+    def near(self, frozen: Frozen) -> "Equation":
+        """Returns the same equation for shapes near that of `frozen`, whose factors help to solve for the tension.
+
+        A single membrane with many nodes and one viscosity then needs no matrix for its tension.
+        """
+        if self.scene.x.shape[1] < _MANY or self.coupling is not None or self.mobility.needs_dlp:
+            return self
+        return eqx.tree_at(lambda e: e.nearby, self, frozen.constraint.tension, is_leaf=lambda leaf: leaf is None)
 
     def rate_of(self, frozen: Frozen, t: Scalar) -> Unknowns:
         """Returns F(y) at the instant of `frozen`, without computing it again."""
@@ -144,7 +158,8 @@ class Equation(eqx.Module):
                 force = force - electric.traction
         imposed = None if scene.flow is None else scene.flow.velocity(y.x, t)
         response = self.mobility.at(surfaces)
-        moved = response.moved(force, imposed, self.is_circle(), cut=self.filter.surface, direct=direct)
+        near = {} if factored or self.nearby is None else {"near": self.nearby}
+        moved = response.moved(force, imposed, self.is_circle(), cut=self.filter.surface, direct=direct, **near)
         solutions += moved.solutions
         sigma, f_tension = moved.sigma, moved.f_tension
         velocity = fourier.low_pass(moved.velocity, self.filter.x, axis=1)

@@ -17,7 +17,7 @@ from ..numerics.arrays import NodePoints, VesicleNodes, VesiclePoints
 from ..operators.surfaces import Surfaces
 from ..physics import membrane
 from ..potentials.self_stokes import StokesBlocks
-from .inextensible import Constraint, solve_tension
+from .inextensible import Constraint, solve_tension, solve_tension_near
 
 _TRANSPOSED = 128  # nodes
 
@@ -25,13 +25,13 @@ _TRANSPOSED = 128  # nodes
 class Moved(eqx.Module):
     """The velocity (M, N, 2) of membranes that do not stretch, with the tension σ (M, N) and its force.
 
-    `constraint` has the factors for the tension, and `solutions` are the linear solutions.
+    `constraint` has the factors for the tension if they were computed, and `solutions` are the linear solutions.
     """
 
     velocity: VesiclePoints
     sigma: VesicleNodes
     f_tension: VesiclePoints
-    constraint: Constraint
+    constraint: Constraint | None
     solutions: list[linear.Solution]
 
 
@@ -78,13 +78,22 @@ class AbstractResponse(eqx.Module):
         *,
         cut: int,
         direct: bool,
+        near: linear.AbstractFactoredDense | None = None,
     ) -> Moved:
-        """Returns the velocity with the tension that keeps the membranes from stretching; see `solve_tension`."""
+        """Returns the velocity with the tension that keeps the membranes from stretching; see `solve_tension`.
+
+        Given the factors `near` for the tension of a similar shape, a membrane without interactions uses them to
+        iterate (`solve_tension_near`), and there is no constraint in the result.
+        """
         curves = self.surfaces.curves
         velocity = self.velocity(force, imposed)
-        constraint = self.constraint(is_circle, cut)
-        stretch = curves.speed * jax.vmap(membrane.stretch_rate)(curves, velocity)
-        solution = solve_tension(self.surfaces, constraint, fourier.low_pass(stretch, cut), cut=cut, direct=direct)
+        stretch = fourier.low_pass(curves.speed * jax.vmap(membrane.stretch_rate)(curves, velocity), cut)
+        if near is None:
+            constraint = self.constraint(is_circle, cut)
+            solution = solve_tension(self.surfaces, constraint, stretch, cut=cut, direct=direct)
+        else:
+            constraint = None
+            solution = solve_tension_near(self.surfaces, near, stretch, is_circle, cut=cut)
         f_tension = jax.vmap(membrane.linear_tension_force)(curves, solution.value)
         return Moved(velocity + self.velocity(f_tension), solution.value, f_tension, constraint, [solution])
 

@@ -88,6 +88,7 @@ class AdditiveRungeKutta(AbstractStepper):
         table = self.tableau
         solver = frozen.implicit(table.gamma * h)
         first = equation.rate_of(frozen, t)
+        equation = equation.near(frozen)
 
         def history(f):
             return jnp.zeros((len(table.weights), *f.shape)).at[0].set(f)

@@ -43,6 +43,9 @@ class SplitEquation(Protocol):
     def rate(self, t: Scalar, y: PyTree[Array]) -> PyTree[Array]:
         """Returns F(t, y)."""
 
+    def near(self, frozen: LinearPart) -> "SplitEquation":
+        """Returns the same equation, with `rate` and `stage` for states near that of `frozen`."""
+
     def rate_of(self, frozen: LinearPart, t: Scalar) -> PyTree[Array]:
         """Returns F at the instant of `frozen`, which need not be computed again."""
 
