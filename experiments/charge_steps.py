@@ -1,0 +1,169 @@
+r"""Do time steps keep their order when charge relaxes fast, and what do charge and AC fields cost?
+
+    python -m experiments.charge_steps      # tables and figure, about four minutes
+
+One vesicle, Δ = 0.9, β = 6.4, Λ = 0.3, χ = 0.08, tilted by 60 degrees. Runs to t = 0.04 with equal steps of ARK4 and 64
+nodes are compared with one of 512 steps, at δ = 1e-1 … 1e-5. One start is uncharged, so that charge relaxes at once
+within the first step. The other has the charge of V_m = 0 in equilibrium. Then steps are timed with charge relaxation,
+without it, and with an averaged AC field. Last, an adaptive run to t = 2 in an AC field of ω = 1e3 is timed averaged
+and resolved.
+
+What to expect: order 4 for slowly relaxing charge and for charge in equilibrium. Where the first steps do not resolve
+the relaxation of an uncharged start, its error remains.
+"""
+
+import time
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxves
+from jaxves.equation.equation import equation_for
+from jaxves.plots import run_plots
+from jaxves.stepping.adaptive import Adaptive
+from jaxves.stepping.fixed import Fixed
+
+from ._common import interleaved, medians, save, shades, store, styled
+
+CHI = 0.08
+DELTAS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+STARTS = ("uncharged", "in equilibrium")
+COUNTS, EXACT = (8, 16, 32, 64, 128), 512
+QUICK = dict(deltas=(1e-2,), counts=(2, 4), exact=8, nodes=16, timed=(16,), repeats=1, omega=200.0, t_end=0.05)
+
+
+def scene(nodes, *, delta=None, history=None, V_m=None) -> jaxves.Scene:
+    """Returns the scene, with another model of charge."""
+    field = jaxves.dc_field(6.4, conductivity_ratio=0.3, chi=CHI, charge_relaxation=delta, history=history)
+    found = jaxves.make_scene(jaxves.ellipse(nodes, 0.9, angle=np.deg2rad(60.0)), field=field)
+    return eqx.tree_at(lambda s: s.V_m, found, V_m, is_leaf=lambda leaf: leaf is None)
+
+
+@eqx.filter_jit
+def _end(delta, count, nodes: int, relaxed: bool, t_end=0.04):
+    """The nodes and the potential W after `count` equal steps."""
+    given = scene(nodes, delta=delta, V_m=jnp.zeros((1, nodes)) if relaxed else None)
+    equation, march, h = equation_for(given), Fixed(1), t_end / count
+    y = jax.lax.fori_loop(0, count, lambda i, y: march.step(equation, i * h, y, (i + 1) * h), equation.start())
+    return y.x, y.scalars["W"]
+
+
+def orders(deltas, counts, exact, nodes) -> dict:
+    """Returns the largest errors of nodes and W by start and δ, in the order of `counts`."""
+    found = {}
+    for start in STARTS:
+        rows = {}
+        for delta in deltas:
+
+            def end(count, delta=delta, start=start):
+                return _end(jnp.asarray(delta), jnp.asarray(count), nodes, start != STARTS[0])
+
+            right = end(exact)
+            rows[delta] = [
+                float(max(jnp.max(jnp.abs(a - b)) for a, b in zip(end(count), right, strict=True))) for count in counts
+            ]
+        found[start] = rows
+    return found
+
+
+def slopes(errors, counts) -> list[float]:
+    """Returns the observed orders between neighbouring numbers of steps."""
+    return list(-np.diff(np.log(errors)) / np.diff(np.log(counts)))
+
+
+def costs(timed, repeats) -> dict:
+    """Returns the medians of the seconds of one step by number of nodes and model of charge."""
+    found = {}
+    for nodes in timed:
+        kinds = {
+            "without": scene(nodes),
+            "relaxing": scene(nodes, delta=7e-3),
+            "averaged": scene(nodes, history=jaxves.AC(100.0, averaged=True)),
+            "averaged and relaxing": scene(nodes, delta=7e-3, history=jaxves.AC(100.0, averaged=True)),
+        }
+        calls = {}
+        for name, given in kinds.items():
+            equation, march = equation_for(given), Fixed(1)
+            y = equation.start()
+            step = eqx.filter_jit(lambda equation, y, march=march: march.step(equation, jnp.asarray(0.0), y, 1e-3))
+            calls[name] = lambda step=step, equation=equation, y=y: step(equation, y).x
+        found[nodes] = medians(interleaved(calls, repeats))
+    return found
+
+
+def adaptive(omega, nodes, t_end) -> dict:
+    """Returns steps, seconds and ends of an averaged and of a resolved run in an AC field."""
+    found, ends = {}, {}
+    march = Adaptive(1e-4, recorded=None)
+    for name, averaged in (("averaged", True), ("resolved", False)):
+        given = scene(nodes, delta=7e-3, history=jaxves.AC(omega / (2 * np.pi), averaged=averaged))
+
+        def call(given=given):
+            result = jaxves.simulate(given, t_end, saves=4, march=march)
+            return jax.block_until_ready(result)
+
+        call()  # compiles
+        began = time.perf_counter()
+        result = call()
+        ends[name] = np.asarray(result.x[1:])
+        found[name] = {
+            "seconds": time.perf_counter() - began,
+            "steps": int(result.state.steps),
+            "status": result.word,
+            "time error": float(result.diagnostics["time_error"][-1]),
+        }
+        if averaged:
+            found[name]["swing"] = float(jnp.max(result.diagnostics["averaged_swing"]))
+    found["apart"] = [float(part) for part in np.max(np.abs(ends["averaged"] - ends["resolved"]), axis=(1, 2, 3))]
+    return found
+
+
+def run(deltas=DELTAS, counts=COUNTS, exact=EXACT, nodes=64, timed=(64,), repeats=9, omega=1e3, t_end=2.0) -> dict:
+    """Returns errors by start and δ with their slopes, seconds of steps, and runs in an AC field."""
+    errors = orders(deltas, counts, exact, nodes)
+    return {
+        "counts": counts,
+        "errors": errors,
+        "orders": {
+            start: {delta: slopes(row, counts) for delta, row in rows.items()} for start, rows in errors.items()
+        },
+        "seconds": costs(timed, repeats),
+        "AC": {"omega": omega} | adaptive(omega, nodes, t_end),
+    }
+
+
+@styled
+def draw(found) -> Figure:
+    """Draws the errors against the number of steps."""
+    figure = Figure(figsize=(run_plots.PAGE, 2.6))
+    axes = figure.subplots(1, len(STARTS), sharey=True)
+    counts = np.array(found["counts"], dtype=float)
+    for ax, (start, rows) in zip(axes, found["errors"].items(), strict=True):
+        for (delta, errors), colour in zip(rows.items(), shades(len(rows)), strict=True):
+            ax.loglog(counts, errors, ".-", color=colour, label=rf"$\delta = {delta:g}$")
+        least = min(row[0] for row in rows.values())
+        ax.loglog(counts, least * (counts / counts[0]) ** -4.0, "k:", lw=1, label="order 4")
+        ax.set(title=start, xlabel="steps")
+    axes[0].set_ylabel("largest error")
+    axes[0].legend()
+    return figure
+
+
+def main():
+    found = run()
+    for start, rows in found["errors"].items():
+        for delta, errors in rows.items():
+            told = " ".join(f"{slope:5.2f}" for slope in found["orders"][start][delta])
+            print(f"{start:15} δ {delta:g}: errors {' '.join(f'{e:.1e}' for e in errors)}  orders {told}")
+    for nodes, row in found["seconds"].items():
+        print(nodes, "nodes:", ", ".join(f"{name} {1e3 * of:.2f} ms" for name, of in row.items()))
+    print(found["AC"])
+    store("charge_steps", found)
+    save(draw(found), "charge_steps")
+
+
+if __name__ == "__main__":
+    main()
