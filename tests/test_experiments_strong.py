@@ -39,3 +39,10 @@ def test_stored_wrinkles_do_not_depend_on_the_numbers_of_nodes():
 def test_a_step_with_many_nodes_is_timed():
     (versions,) = strong_step.run(**strong_step.QUICK).values()
     assert versions["this"]["step / LU"] > 0 and versions["this"]["GB"] > 0
+
+
+def test_stored_steps_fit_into_memory_and_cost_less_than_before():
+    rows = stored("strong_step")
+    assert rows["2048"]["this"]["GB"] < 1.5
+    for N in ("256", "512"):
+        assert rows[N]["this"]["step / LU"] < 0.75 * rows[N]["older"]["step / LU"]
