@@ -79,7 +79,7 @@ def tension_operator(surfaces, *, dense: bool, preconditioned: bool = True) -> L
     curve = surfaces.curves
     N = curve.speed.shape[0]
     if dense:
-        spread = own_spread(curve, surfaces.stokes_slp, surfaces.laplace_slp)
+        spread = own_spread(curve.tangent, surfaces.stokes_slp, surfaces.laplace_slp)
         return LinearOperator(TensionBlock.of(curve, spread, False, _CUT).stiffness, positive_definite=True)
 
     def action(sigma):
