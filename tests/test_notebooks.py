@@ -37,4 +37,4 @@ def test_a_notebook_is_kept_with_its_output(path):
 
 
 def test_there_is_a_notebook_for_each_main_use():
-    assert len({number(path) for path in NOTEBOOKS}) == len(NOTEBOOKS) >= 4
+    assert [number(path) for path in NOTEBOOKS] == list(range(1, len(NOTEBOOKS) + 1)) and len(NOTEBOOKS) >= 12
