@@ -1,6 +1,6 @@
 """Should a run adapt its number of nodes if the scene file does not say how many?
 
-    python -m experiments.default_nodes     # twenty minutes on two busy cores
+    python -m experiments.default_nodes     # twenty-five minutes on two busy cores
 
 The scenes are some of those that are built in, and those of `stability_map` that did not end within 1e-3 with 64 nodes,
 as well as some that did. Each is run with 64 nodes and with `nodes = "auto"`, with compilation and with
