@@ -15,12 +15,13 @@ from jaxves.geometry import extremes, shapes
 from jaxves.geometry.curve import Curve
 from jaxves.geometry.domain import Cell
 from jaxves.numerics import fourier
-from jaxves.observables import diagnostics, registry
+from jaxves.observables import classes, diagnostics, registry
 from jaxves.observables.checks import Checks
 from jaxves.observables.quantities import QUANTITIES
 from jaxves.observables.rows import Row
 from jaxves.physics.flow import Shear
 from jaxves.physics.scene import dc_field, make_scene
+from jaxves.physics.waveform import AC
 
 DIRECTION = np.array([0.6, 0.8])
 
@@ -120,12 +121,15 @@ def test_the_film_error_tells_how_wrong_the_drainage_is(gap):
 def test_every_quantity_has_one_function_which_gives_it():
     """Over scenes that have all of them together; what needs earlier times is computed elsewhere."""
     given = [name for group in registry.GROUPS for name in group.names]
-    assert sorted(given) == sorted(set(QUANTITIES) - {"inclination_unwrapped", "time_error"})
+    earlier = {"inclination_unwrapped", "time_error", classes.MEAN, classes.LEAST, classes.GREATEST, classes.CHANGE}
+    assert sorted(given) == sorted(set(QUANTITIES) - earlier)
     seen = {}
     field = dc_field(3.2, conductivity_ratio=0.1)
     relaxing = dc_field(3.2, conductivity_ratio=0.1, charge_relaxation=0.1)
+    averaged = dc_field(3.2, conductivity_ratio=0.1, history=AC(50.0, averaged=True))
     square = Cell.of([[9.0, 0.0], [0.0, 9.0]])
     cases = [(2, field, Shear(1.0), None), (3, relaxing, Shear(1.0), None), (2, field, Shear(1.0), square)]
+    cases.append((1, averaged, None, None))
     for vesicles, field, flow, cell in cases:
         centers = [[3.0 * m, 0.0] for m in range(vesicles)]
         curves = [shapes.ellipse(32, 0.9)] * vesicles

@@ -66,7 +66,7 @@ def _alone(scene_file: Readable) -> Case:
     if case.scene_file.field is None:
         raise NoCriticalValue("scene_file: a critical field needs a field")
     time = case.scene_file.field.time
-    if time.kind in ("sine", "ac") and not getattr(time, "averaged", False):
+    if time is not None and time.kind in ("sine", "ac") and not getattr(time, "averaged", False):
         wanted = "a field without a period, or averaged = true: the least D within a period says nothing of the class"
         raise NoCriticalValue(f'field.time.kind = "{time.kind}", expected {wanted}')
     return case
