@@ -146,7 +146,7 @@ def _sampled(n: int, accuracy: Accuracy) -> tuple[np.ndarray, np.ndarray, np.nda
 @functools.lru_cache(maxsize=4)
 def _sampled_stresslets(n: int, accuracy: Accuracy) -> np.ndarray:
     x, y, r2, cut = _places(n)
-    C, Q = (part * cut for part in splitting.smooth_stresslet_on_host(r2, 2 * accuracy.shape / np.pi, accuracy))
+    C, Q = (part * cut for part in splitting.smooth_stresslet(r2, 2 * accuracy.shape / np.pi, accuracy))
     xxx = _multiplier(x * (2 * C + Q * x**2), n, accuracy, -1, 1)
     xxy = _multiplier(y * (C + Q * x**2), n, accuracy, 1, -1)
     xyy = _multiplier(Q * x * y**2, n, accuracy, -1, 1)

@@ -34,7 +34,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial import chebyshev
 
-from ..numerics.arrays import Scalar
+from ..numerics.arrays import Scalar, ScalarLike
 from ..numerics.logarithm import log
 from .plans import Accuracy
 
@@ -114,27 +114,18 @@ def local_stresslet(r2: Float[Array, "*pairs"], r_c: Scalar, accuracy: Accuracy)
     return jnp.where(inside, -C * scale, 0.0), jnp.where(inside, (4 / t**2 - Q) * (scale / r_c**2), 0.0)
 
 
-def smooth_stresslet(r2: Float[Array, "*pairs"], r_c: Scalar, accuracy: Accuracy) -> Kernel:
-    """Returns C and Q of the smooth part at any distance, zero included."""
+def smooth_stresslet(
+    r2: Float[Array | np.ndarray, "*pairs"], r_c: ScalarLike, accuracy: Accuracy
+) -> tuple[Float[Array | np.ndarray, "*pairs"], Float[Array | np.ndarray, "*pairs"]]:
+    """Returns C and Q of the smooth part at any distance, zero included, in the library of `r2`: JAX or NumPy."""
+    xp = r2.__array_namespace__()
     t = r2 / r_c**2
     inside = t < 1
-    C, Q = _smooth_stresslet(jnp.where(inside, t, 0.5), accuracy)
-    outer = jnp.where(inside, 1.0, r2)
+    C, Q = _smooth_stresslet(xp.where(inside, t, 0.5), accuracy)
+    outer = xp.where(inside, 1.0, r2)
     return (
-        jnp.where(inside, C / (4 * np.pi * r_c**2), 0.0),
-        jnp.where(inside, Q / (4 * np.pi * r_c**4), 1 / (np.pi * outer**2)),
-    )
-
-
-def smooth_stresslet_on_host(r2: np.ndarray, r_c: float, accuracy: Accuracy) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the same as `smooth_stresslet` as arrays of NumPy."""
-    t = r2 / r_c**2
-    inside = t < 1
-    C, Q = _smooth_stresslet(np.where(inside, t, 0.5), accuracy)
-    outer = np.where(inside, 1.0, r2)
-    return (
-        np.where(inside, C / (4 * np.pi * r_c**2), 0.0),
-        np.where(inside, Q / (4 * np.pi * r_c**4), 1 / (np.pi * outer**2)),
+        xp.where(inside, C / (4 * np.pi * r_c**2), 0.0),
+        xp.where(inside, Q / (4 * np.pi * r_c**4), 1 / (np.pi * outer**2)),
     )
 
 
