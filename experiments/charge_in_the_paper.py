@@ -3,9 +3,14 @@ r"""Which statements of the paper change if charge takes time to reach the inter
     python -m experiments.charge_in_the_paper      # a table, about eight minutes
 
 In the paper the charge of the fluids follows at once, δ = ε_e/(a C_m) = 0. For water and C_m = 1 μF/cm² it is 7e-3 for
-a = 10 μm and 0.07 for a = 1 μm. Four scenes of the paper are run with the three values: POP (Δ = 0.9, β = 3.2,
-Λ = 0.1), budding (Δ = 0.5, β = 12.8), treading in shear and a field (Δ = 0.7, Λ = 0.1, G = 4, β = 6.4, Ca = 10), and
-the pair with G = 0 and Λ = 0.5.
+a = 10 μm and 0.07 for a = 1 μm. Four scenes of the paper are run with the three values:
+
+| scene | numbers |
+|---|---|
+| POP | Δ = 0.9, β = 3.2, Λ = 0.1 |
+| budding | Δ = 0.5, β = 12.8 |
+| treading in shear and a field | Δ = 0.7, Λ = 0.1, G = 4, β = 6.4, Ca = 10 |
+| pair | G = 0, Λ = 0.5 |
 
 What to expect: with δ = 7e-3 most numbers change by a few per cent, and all classes stay. With 0.07 the vesicle hardly
 buds, because its charge lags behind the field that was switched on, and the membrane treads fast: charge that lags

@@ -109,6 +109,19 @@ def observed_order(sizes, errors):
     return np.polyfit(np.log(np.asarray(sizes)), np.log(np.asarray(errors)), 1)[0]
 
 
+def of_equal_cells(in_cell, lattice, x):
+    """What `in_cell(lattice, x)` gives without overflow: as asked, with another basis, and with a vesicle moved.
+
+    The other pair of vectors spans the same lattice, and the vesicle is moved by a vector of the lattice.
+    """
+    compiled = jax.jit(in_cell)
+    wanted, overflow = compiled(lattice, x)
+    sheared, more = compiled(np.array([lattice[0], lattice[1] - lattice[0]]), x)
+    moved, most = compiled(lattice, x.at[2].add(lattice[0] - 2 * lattice[1]))
+    assert not (overflow or more or most)
+    return wanted, sheared, moved
+
+
 @pytest.fixture
 def calls_of(monkeypatch):
     """A function (module, name) -> list that grows with every call of that function; inside a program, every trace."""

@@ -69,8 +69,7 @@ def new(
     case, (scene, origin, failed) = Case(scene_file), _started(scene_file, start, at, progress)
     progress(0.0, "compiling")
     scene, resolution, state, row = first_row(case, scene)
-    row = resolution.stored(row)
-    complete = with_own(row, observables)
+    row = with_own(resolution.stored(row), observables)
     _, M, N = row.x.shape[:3]
     symmetry = resolution.first.equation.symmetry
     writer = run_writer.Writer(
@@ -80,11 +79,11 @@ def new(
         times=saved_times(scene_file),
         vesicles=M,
         nodes=N,
-        datasets={name: run_store.description(name, np.ndim(f)) for name, f in run_store.datasets_of(complete).items()},
+        datasets={name: run_store.description(name, np.ndim(f)) for name, f in run_store.datasets_of(row).items()},
         force=force,
     )
     given = {_START: scene.x} | ({} if scene.V_m is None else {_START_V_m: scene.V_m})
-    rows = Rows(writer, None if failed else {name: np.asarray(leaf) for name, leaf in given.items()}, observables)
+    rows = Rows(writer, None if failed else {name: np.asarray(leaf) for name, leaf in given.items()})
     rows.add(row, state)
     rows.write()
     return Begun(resolution, state, rows, failed)
@@ -111,7 +110,7 @@ def continued(scene_file: SceneFile, path: Path, observables: Observables | None
     problem = strengthened(problem_of(Case(scene_file), scene))
     state = restored(problem.state, leaves, path)
     # Until here the file is unchanged, also after an error or an interrupt.
-    rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start, observables)
+    rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start)
     rows.remember(record.diagnostics)
     rows.state = state
     return Begun(resolution_of(scene_file, problem, record.x.shape[2]), rows.state, rows)

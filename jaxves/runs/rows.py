@@ -11,7 +11,6 @@ import numpy as np
 
 from ..base import status
 from ..observables import classes
-from ..observables.of_ones_own import Observables, with_own
 from ..observables.rows import Row
 from ..results.hdf5 import StoreError
 from ..results.run_store import datasets_of, read_result
@@ -55,16 +54,14 @@ def restored(template: State, leaves: dict[str, np.ndarray], path: Path) -> Stat
 class Rows:
     """A buffer of rows. They are written to the file from time to time, with the state after the last row.
 
-    `start` is None for a run that cannot be continued. `observables` are functions of the user's own, whose values are
-    added to the rows.
+    `start` is None for a run that cannot be continued.
     """
 
     state: State
 
-    def __init__(self, writer: Writer, start: dict[str, np.ndarray] | None, observables: Observables | None = None):
+    def __init__(self, writer: Writer, start: dict[str, np.ndarray] | None):
         self.writer = writer
         self.start = start
-        self._observables = observables
         self._classified: dict[str, list[np.ndarray]] = {}  # the diagnostics of all rows from which classes follow
         self._waiting: list[Row] = []
         self._written = time.perf_counter()
@@ -72,7 +69,7 @@ class Rows:
     def add(self, row: Row, state: State) -> None:
         """Adds a row and the state after it; writes if the last write was some time ago."""
         if len(row.t):
-            self._waiting.append(with_own(row, self._observables))
+            self._waiting.append(row)
             self.remember(row.diagnostics)
             self.state = state
         if time.perf_counter() > self._written + SECONDS_BETWEEN_WRITES:

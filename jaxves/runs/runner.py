@@ -19,7 +19,7 @@ from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import RUN
 from ..observables import diagnostics
 from ..observables.certificate import certificate, has_enough_digits
-from ..observables.of_ones_own import Observables, require_observables
+from ..observables.of_ones_own import Observables, require_observables, with_own
 from ..results import hdf5, run_store
 from ..results.ownership import real, writing
 from ..stepping.state import Window
@@ -89,19 +89,21 @@ def run(
             begun = continued(scene_file, path, observables)
         else:
             begun = new(scene_file, path, force, start, at, observables, told)
-        return _carried_out(scene_file, begun, began, told)
+        return _carried_out(scene_file, begun, observables, began, told)
 
 
 def _tell(progress: Progress, t_end: float, t: float, text: str) -> None:
     progress(t, t_end, text)
 
 
-def _carried_out(scene_file: SceneFile, begun: Begun, began: float, progress: Told) -> str:
+def _carried_out(
+    scene_file: SceneFile, begun: Begun, observables: Observables | None, began: float, progress: Told
+) -> str:
     """Runs to the end, evaluates the result and completes the file; returns the status word."""
     with begun.rows.writer as writer:
         try:
             if begun.failed is None:
-                word = status.WORDS[_marched(scene_file, begun, progress)]
+                word = status.WORDS[_marched(scene_file, begun, observables, progress)]
                 advice = status.ADVICE[word]
             else:
                 word, advice = begun.failed.word, f"{begun.failed}."
@@ -117,7 +119,7 @@ def _carried_out(scene_file: SceneFile, begun: Begun, began: float, progress: To
     return word
 
 
-def _marched(scene_file: SceneFile, begun: Begun, progress: Told) -> int:
+def _marched(scene_file: SceneFile, begun: Begun, observables: Observables | None, progress: Told) -> int:
     """Advances to the end of the run; returns its status."""
     resolution, state, rows, _ = begun
     wanted = None if scene_file.stop is None else scene_file.stop.class_
@@ -133,7 +135,7 @@ def _marched(scene_file: SceneFile, begun: Begun, progress: Told) -> int:
             if found != status.RUNNING:
                 break
             state, row = resolution.stepped(state, t_save, partial(progress, float(state.t)))
-            rows.add(row, state)
+            rows.add(with_own(row, observables), state)
             found = code()
             progress(float(state.t), f"{int(state.steps)} steps")
     except KeyboardInterrupt:
