@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import xarray
 from conftest import stored
+from scipy.special import ellipe
 
 from jaxves.cli.commands import answer
 from jaxves.inputs.scene_files import parse, read_scene
@@ -272,7 +273,8 @@ def result(tmp_path_factory):
     path = folder / "out.h5"
     code, out, err = call("run", folder / "scene.toml", "--out", path)
     assert code == 0, err
-    assert "complete at t = 0.05" in out and "class: P\n" in out
+    assert "complete at t = 0.05" in out and "class: P at t_end, still changing (in as much time again, by " in out
+    assert len(out.splitlines()) == 6 and f"`jaxves show {path}`" in out
     return path
 
 
@@ -281,6 +283,8 @@ def test_a_result_is_shown_in_a_few_lines(result):
     assert code == 0 and len(out.splitlines()) < 20
     for words in (
         "complete",
+        "class: P at t_end, still changing",
+        "kept symmetric",
         "1 vesicle of 32 nodes, 6 saved times",
         "deformation",
         "correct digits; the weakest link is",
@@ -324,6 +328,9 @@ def test_all_kinds_of_pictures_are_drawn_and_none_is_overwritten(result, tmp_pat
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == pictures
 
 
+ELLIPSE_RADIUS = 1.6 * 4 * ellipe(1 - 1 / 1.6**2) / (2 * math.pi)
+
+
 def test_points_in_either_sense_give_the_same_run(tmp_path):
     alpha = 2 * np.pi * np.arange(24) / 24
     points = np.stack([np.cos(alpha), 1.6 * np.sin(alpha)], axis=-1)
@@ -332,8 +339,9 @@ def test_points_in_either_sense_give_the_same_run(tmp_path):
         np.savetxt(tmp_path / f"{name}.csv", order, delimiter=",")
         scene = SCENE.replace("reduced_area = 0.9\nangle = 90.0", f"shape = 'points'\nfile = '{name}.csv'")
         (tmp_path / f"{name}.toml").write_text(scene)
-        code, _, err = call("run", tmp_path / f"{name}.toml", "--out", tmp_path / f"{name}.h5")
+        code, said, err = call("run", tmp_path / f"{name}.toml", "--out", tmp_path / f"{name}.h5")
         assert code == 0, err
+        assert f"perimeter / 2π = {ELLIPSE_RADIUS:.4g} in the units of its points, scaled to 1 a; " in said
         shapes.append(run_store.read_result(tmp_path / f"{name}.h5").x)
     np.testing.assert_array_equal(shapes[0], shapes[1])
 
@@ -345,6 +353,7 @@ def test_a_run_that_breaks_down_ends_with_3_and_keeps_its_rows(tmp_path):
     record = run_store.read_result(out)
     assert code == 3 and record.status in said and record.attributes["advice"] in said
     assert record.status not in ("complete", "running") and 1 <= len(record.t) <= 60
+    assert "class" not in said and "class" not in call("show", out)[1]
     assert_refused(call("run", tmp_path / "scene.toml", "--out", out, "--resume"), record.status)
 
 

@@ -178,7 +178,8 @@ def test_rough_points_are_refused():
 
 
 @pytest.mark.parametrize("nodes", [64, "auto"])
-def test_a_scene_of_a_noisy_outline_warns_once_and_is_stored_with_its_modes(nodes, tmp_path, capsys):
+def test_a_scene_of_a_noisy_outline_warns_once_and_is_stored_with_its_modes(nodes, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(outlines, "_TOLD", set())  # each outline is reported once in a process
     points = noisy(np.random.default_rng(7), 0.9, 95.0, 0.3, 360)
     (tmp_path / "noisy.csv").write_text(written(points), encoding="utf-8")
     path = tmp_path / "scene.toml"

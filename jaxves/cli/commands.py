@@ -20,7 +20,7 @@ from ..results.hdf5 import StoreError
 from ..results.ownership import refuse_written
 from ..runs import continuation
 from . import console, interrupts, long_runs, options, pictures, sweep_summary
-from .run_summary import derivatives, stability_line, summary
+from .run_summary import brief, derivatives, stability_line, summary
 
 app = typer.Typer(
     add_completion=False,
@@ -95,8 +95,9 @@ def run(
     if not resume:
         console.refuse_existing([out], force, "use --force to replace it or --resume to continue it")
 
-    code = long_runs.simulate(scene_file, out, limit, force=force, resume=resume, start=start, at=at)
-    _summarise(run_store.read_result(out), out)
+    code, session = long_runs.simulate(scene_file, out, limit, force=force, resume=resume, start=start, at=at)
+    for part in brief(run_store.read_result(out), out, session):
+        console.out.print(part, markup=False)
     raise typer.Exit(code)
 
 

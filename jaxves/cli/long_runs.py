@@ -15,16 +15,26 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from ..base import status
 from ..base.compiling import fast_start
 from ..inputs.scene_files import SceneError, SceneFile
-from ..results import sweep_store
+from ..results import run_store, sweep_store
 from ..results.hdf5 import StoreError
 from ..results.ownership import LostFile
 from ..results.sweep_store import SweepRecord
 from . import interrupts
 from .console import BROKE_DOWN, err, out, refused, say
+from .run_summary import Session
+
+_BETWEEN_LINES = 60.0  # seconds between lines in a log
 
 
-def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> int:
-    """Runs a scene and writes the result file, for at most `limit` seconds; returns the exit status."""
+def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> tuple[int, Session]:
+    """Runs a scene and writes the result file, for at most `limit` seconds; returns the exit status and the session."""
+    began = time.monotonic()
+    before = run_store.read_result(file).t if how.get("resume") else None
+    code = _simulated(scene_file, file, limit, how)
+    return code, Session(time.monotonic() - began, before)
+
+
+def _simulated(scene_file: SceneFile, file: Path, limit: float | None, how: dict) -> int:
     columns = (
         TextColumn("t = {task.completed:.3g} / {task.total:.3g}"),
         BarColumn(),
@@ -37,9 +47,11 @@ def simulate(scene_file: SceneFile, file: Path, limit: float | None, **how) -> i
         _interrupted(limit) as found,
     ):
         task = bar.add_task("starting", total=scene_file.t_end)
+        say_now_and_then = _Log()
 
         def show(t: float, t_end: float, text: str) -> None:
             found.check()
+            say_now_and_then(f"t = {t:.4g} of {t_end:.4g}, {text}")
             bar.update(task, completed=t, description=text)
 
         fast_start()
@@ -80,10 +92,11 @@ def sweep(file: Path, results: Path, limit: float | None, **how) -> SweepRecord 
     )
     with bars as bar, _interrupted(limit) as found:
         task = bar.add_task("compiling", total=None, rate="")
-        there = []
+        there, say_now_and_then = [], _Log(processes.is_first())
 
         def show(done: int, total: int, text: str) -> None:
             found.check()
+            say_now_and_then(f"{done} of {total} {text}")
             if text != "compiling":
                 there.append((time.monotonic(), done))
             (began, first), (now, _) = (there[0], there[-1]) if there else ((0, 0), (0, 0))
@@ -102,6 +115,18 @@ def sweep(file: Path, results: Path, limit: float | None, **how) -> SweepRecord 
     before = sweep_store.count_computed(record.status) - record.computed
     out.print(f"{record.computed} cases computed now, {before} were there")
     return record
+
+
+class _Log:
+    """Says about once a minute how far the work is, if there is no terminal for a progress bar."""
+
+    def __init__(self, is_first: bool = True):
+        self.is_wanted, self.last = is_first and not err.is_terminal, time.monotonic()
+
+    def __call__(self, text: str) -> None:
+        if self.is_wanted and time.monotonic() - self.last >= _BETWEEN_LINES:
+            self.last = time.monotonic()
+            say(text)
 
 
 def use_all_cores(devices: int | None) -> None:

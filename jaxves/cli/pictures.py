@@ -3,6 +3,7 @@
 import enum
 from pathlib import Path
 
+from ..results.hdf5 import StoreError
 from ..results.run_store import Record
 from ..results.sweep_store import SweepRecord
 from . import console
@@ -73,7 +74,10 @@ def of_run(record: Record, file: Path, what: list[Picture] | None, at: float | N
     }
     console.refuse_existing(list(targets.values()), force)
     for picture, target in targets.items():
-        _draw(record, picture, at, target)
+        try:
+            _draw(record, picture, at, target)
+        except StoreError as error:
+            raise console.refused(f"--what = {picture}, expected another picture: {error}") from None
         console.out.print(f"drew {target}", markup=False)
 
 

@@ -1,4 +1,4 @@
-"""The text that `jaxves show` prints for a run: its status, its quantities and its error estimates.
+"""The text that `jaxves run` and `jaxves show` print for a run: its status, its motion, quantities, error estimates.
 
 Nothing here imports JAX, except for the line of `--stability`.
 """
@@ -6,12 +6,14 @@ Nothing here imports JAX, except for the line of `--stability`.
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
 from ..base import status
+from ..geometry.outlines import measured
 from ..observables import classes, pair_classes
 from ..observables.certificate import certificate, weakest
 from ..observables.rotor import threshold_of
@@ -40,27 +42,34 @@ _SHOWN = (
 )
 
 
-def summary(record: Record, path: Path) -> Iterator[RenderableType]:
-    """Yields lines and tables."""
-    advice = record.attributes["advice"] or status.ADVICE.get(record.status, "")
-    unfinished = record.status == status.WORDS[status.RUNNING]
-    who = writer_of(path) if unfinished else None
-    word = record.status if who or not unfinished else "cut off"
+_UNFINISHED = (status.WORDS[status.RUNNING], status.WORDS[status.INTERRUPTED])
+_OUTLINES = 4  # largest number of outlines with a line each
+
+
+class Session(NamedTuple):
+    """One call of `jaxves run`: its seconds and, if it continued a file, the saved times (T,) that were there."""
+
+    seconds: float
+    before: np.ndarray | None = None
+
+
+def brief(record: Record, path: Path, session: Session) -> Iterator[RenderableType]:
+    """Yields what `jaxves run` prints at its end: a few lines, and the commands that tell more."""
+    yield from _ended(record, path, session)
     if len(record.t) == 0:
-        yield f"{path}: {word}, and no saved time. {'' if who else advice}".rstrip()
         return
-    if who:
-        rows = f"{len(record.t)} of {record.attributes['saves']} saved times"
-        yield f"{path}: running, written by {who}, at t = {record.t[-1]:.6g} so far with {rows}"
-    else:
-        wall = record.attributes["wall_time"]
-        seconds = "" if np.isnan(wall) else f" after {wall:.1f} s"  # unknown for a result that Python saved
-        yield f"{path}: {word} at t = {record.t[-1]:.6g}{seconds}. {advice}".rstrip()
-    M = record.x.shape[1]
-    nodes = " or ".join(str(N) for N in np.unique(record.nodes))
-    yield f"{M} vesicle{'s' * (M > 1)} of {nodes} nodes, {len(record.t)} saved times"
-    if origin := record.attributes.get("started_from"):
-        yield f"started from {origin} instead of the shapes of the scene"
+    if warning := _missed_wrinkles(record):
+        yield warning
+    yield from _motion(record)
+    yield from _accuracy(record)
+    yield f"`jaxves show {path}` prints more, `jaxves plot {path}` draws figures."
+
+
+def summary(record: Record, path: Path) -> Iterator[RenderableType]:
+    """Yields what `jaxves show` prints: lines and tables."""
+    yield from _ended(record, path)
+    if len(record.t) == 0:
+        return
     if kept := record.attributes.get("symmetry"):
         yield f"kept symmetric {kept}, like its start"
         yield f"`jaxves show {path} --stability` tests a steady state for stability; for others set `disturbance`"
@@ -73,22 +82,93 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
             )
     if warning := _missed_wrinkles(record):
         yield warning
-    if "deformation_along_field" in record.diagnostics:
-        means = classes.MEAN in record.diagnostics
-        yield "class: " + ", ".join(classes.class_names(record.diagnostics)) + " (by means over periods)" * means
-    if "line_angle" in record.diagnostics and "dipole" in record.diagnostics:
-        yield f"pair: {pair_class(record)}"
-    if is_sheared(tomllib.loads(record.scene)):
-        yield f"motion in shear: {motion_words(record)}"
+    yield from _motion(record)
     yield _quantities(record)
+    yield from _accuracy(record)
+    links = certificate(record.diagnostics, record.attributes.get("error"))
+    yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
+    for name, value in (record.averages or {}).items():
+        yield f"average {name}: {value.tolist()}"
+
+
+def _ended(record: Record, path: Path, session: Session | None = None) -> Iterator[str]:
+    """Yields how a run ended, its size, and where its shapes come from."""
+    advice = record.attributes["advice"] or status.ADVICE.get(record.status, "")
+    running = record.status == status.WORDS[status.RUNNING]
+    who = None if record.is_cut_off or not running else writer_of(path)
+    word = f"{record.word} (its attribute `status` is still {record.status!r})" if record.is_cut_off else record.word
+    if len(record.t) == 0:
+        yield f"{path}: {word}, and no saved time. {'' if who else advice}".rstrip()
+        return
+    if who:
+        rows = f"{len(record.t)} of {record.attributes['saves']} saved times"
+        yield f"{path}: running, written by {who}, at t = {record.t[-1]:.6g} so far with {rows}"
+    else:
+        # The time is unknown for a killed run and for a result that Python saved.
+        wall = np.nan if running else session.seconds if session else record.attributes["wall_time"]
+        seconds = "" if np.isnan(wall) else f" after {wall:.1f} s"
+        yield f"{path}: {word} at t = {record.t[-1]:.6g}{seconds}. {advice}".rstrip()
+    if session and session.before is not None and len(session.before):
+        yield (
+            f"continued at t = {session.before[-1]:.6g} ({len(session.before)} saved times were there); "
+            "the seconds are those of this call"
+        )
+    M = record.x.shape[1]
+    nodes = " or ".join(str(N) for N in np.unique(record.nodes))
+    yield f"{M} vesicle{'s' * (M > 1)} of {nodes} nodes, {len(record.t)} saved times"
+    if origin := record.attributes.get("started_from"):
+        yield f"started from {origin} instead of the shapes of the scene"
+    else:
+        yield from _outlines(tomllib.loads(record.scene))
+
+
+def _outlines(tables: dict) -> Iterator[str]:
+    """Yields the size and the reduced area of each outline that was given as points, before it is scaled to `length`.
+
+    If there are many outlines, nothing is said.
+    """
+    given = [(m, table) for m, table in enumerate(tables.get("vesicle", ())) if table.get("shape") == "points"]
+    for m, table in given if len(given) <= _OUTLINES else ():
+        radius, area = measured(np.array(table["points"]), table.get("modes"))
+        which = f" of vesicle[{m}]" if len(tables["vesicle"]) > 1 else ""
+        yield (
+            f"outline{which}: perimeter / 2π = {radius:.4g} in the units of its points, scaled to "
+            f"{table.get('length', 1.0):.4g} a; reduced area {area:.3f}"
+        )
+
+
+def _motion(record: Record) -> Iterator[str]:
+    """Yields the class of the vesicles, or of a pair, and the motion in shear; nothing after a breakdown."""
+    ended = record.status in (*status.SUCCESS, status.WORDS[status.INACCURATE])
+    if not ended and record.status not in _UNFINISHED:
+        return
+    so_far, tables = "" if ended else " so far", tomllib.loads(record.scene)
+    if "deformation_along_field" in record.diagnostics:
+        means = " (by means over periods)" * (classes.MEAN in record.diagnostics)
+        names = ", ".join(classes.class_names(record.diagnostics))
+        yield f"class{so_far}: {names}{means}{_still_changing(record)}"
+    if "line_angle" in record.diagnostics and "direction" in tables.get("field", {}):
+        yield f"pair{so_far}: {pair_class(record)}"
+    if "vesicle" in tables and is_sheared(tables):
+        yield f"motion in shear{so_far}: {motion_words(record)}"
+
+
+def _still_changing(record: Record) -> str:
+    """Returns a warning if the class at the end of a complete run is not final, otherwise an empty text."""
+    if record.status != status.WORDS[status.COMPLETE] or len(record.t) < 2:
+        return ""
+    change = np.max(np.abs(classes.trend(record.diagnostics, record.t)))
+    if not change > classes.THRESHOLD:
+        return ""
+    return f" at t_end, still changing (in as much time again, by {change:.2g} in D at its last rate)"
+
+
+def _accuracy(record: Record) -> Iterator[str]:
     links = certificate(record.diagnostics, record.attributes.get("error"))
     weak = weakest(links)
     yield f"About {max(links[weak].digits, 0):.1f} correct digits; the weakest link is {weak}: {links[weak].long_name}"
     if "error" in record.attributes:
         yield _error_of_run(record)
-    yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
-    for name, value in (record.averages or {}).items():
-        yield f"average {name}: {value.tolist()}"
 
 
 def stability_line(record: Record | SweepRecord) -> str:

@@ -27,6 +27,8 @@ def words(record: Record | SweepRecord) -> str:
     """Returns one line."""
     if isinstance(record, SweepRecord) or not len(record.t):
         return "stability: not known without the last state of a run"
+    if "vesicle" not in tomllib.loads(record.scene):
+        return "stability: not known for a result made in Python, whose file has no scene"
     fast_start()
     scene_file = parse(tomllib.loads(record.scene))
     if reason := _unsuitable(scene_file):

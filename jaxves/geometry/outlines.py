@@ -4,8 +4,10 @@ A curve through exact points is a periodic quintic spline over chord length. A c
 Fourier series (`outline_fit`).
 """
 
+import sys
 import warnings
 from collections.abc import Sequence
+from types import FrameType
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +20,8 @@ from . import outline_fit
 _FINE = 1024  # samples of an outline; the polygon differs from the curve by 5e-6 of the radius
 _TOUCH = 1e-4  # two outlines touch if they are closer than this, in units of a
 _FEWEST = 8  # least number of points of an outline
+_INNER = (__name__.partition(".")[0], "pydantic", "jaxtyping")  # packages between a reader of a scene and this file
+_TOLD: set[bytes] = set()  # outlines whose noise was reported by this process; a scene is read several times
 _ROUGHEST = 0.02  # largest noise, relative to the radius, for which the number of modes is chosen automatically
 
 
@@ -81,12 +85,27 @@ def _chosen(points: Float[np.ndarray, "K 2"]) -> int | None:
         raise ValueError(
             f"points with less noise (they scatter {size}): average them, or say with `modes` what to keep"
         )
-    warnings.warn(
-        f"the points of the outline scatter {size}: {noise.modes} Fourier modes are kept; `modes` sets another number",
-        OutlineNoise,
-        stacklevel=4,
-    )
+    known = points.tobytes()
+    if known not in _TOLD:
+        warnings.warn(
+            f"the points of the outline scatter {size}: {noise.modes} Fourier modes are kept; `modes` sets another "
+            "number",
+            OutlineNoise,
+            stacklevel=_level_outside(sys._getframe()),
+        )
+        _TOLD.add(known)
     return noise.modes
+
+
+def _level_outside(frame: FrameType) -> int:
+    """Returns the `stacklevel` with which a warning of the function in `frame` names the line that called this package.
+
+    A scene is read by pydantic, which is between that line and this file.
+    """
+    level = 1
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _INNER:
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 def _check_points(points: Float[np.ndarray, "K 2"], where: list[str]) -> None:
@@ -137,6 +156,12 @@ def smooth(points: Float[np.ndarray, "K 2"], modes: int | None = None) -> Float[
     chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     spline = make_interp_spline(chord, closed, k=5, bc_type="periodic")
     return spline(np.linspace(0, chord[-1], _FINE, endpoint=False))
+
+
+def measured(points: Float[np.ndarray, "K 2"], modes: int | None = None) -> tuple[float, float]:
+    """Returns perimeter / 2π, in the unit of the points, and the reduced area of the curve that `smooth` samples."""
+    polygon = Polygon(smooth(points, modes))
+    return polygon.length / (2 * np.pi), 4 * np.pi * polygon.area / polygon.length**2
 
 
 def circle_polygon() -> Polygon:

@@ -72,6 +72,16 @@ def codes_of(found: Mapping[str, Any]) -> Int[Any, "*rest"]:
     return xp.where(xp.any(known, axis=0), code, OPEN)
 
 
+def trend(found: Mapping[str, Any], t: Float[Any, "T"]) -> Float[Any, "*rest"]:
+    """Returns by how much the D that classes follow from would change in as much time again, at its last rate.
+
+    `found` is as in `codes_of`. There must be two saved times; the rate is that between the last two. The class at the
+    end of a run is not final if this is larger than THRESHOLD.
+    """
+    series = found[MEAN] if MEAN in found else found[DEFORMATION]
+    return (series[-1] - series[-2]) * ((t[-1] - t[0]) / (t[-1] - t[-2]))
+
+
 def class_names(deformation: Float[Any, "T *rest"] | Mapping[str, Any]) -> list[str]:
     """Returns the name of the class of each vesicle; not for traced arrays.
 

@@ -17,8 +17,11 @@ _GROWTH = 1.0  # logarithm of the growth below which thermal undulations remain 
 def missed_wrinkles(tables: Mapping[str, Any], t, tension_min, length) -> str | None:
     """Returns a sentence if compression made wrinkles grow from a start that nothing disturbs, otherwise None.
 
-    `tables` are those of the scene. `tension_min` and `length` (T, M) belong to the saved times t (T,).
+    `tables` are those of the scene; nothing is known without vesicles there, as of a result made in Python.
+    `tension_min` and `length` (T, M) belong to the saved times t (T,).
     """
+    if "vesicle" not in tables:
+        return None
     if any("disturbance" in table or table.get("shape") == "points" for table in tables["vesicle"]):
         return None
     bending = np.resize([table["bending"] for table in tables["vesicle"]], np.shape(tension_min)[1])

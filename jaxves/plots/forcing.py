@@ -48,8 +48,8 @@ def _of_scene(scene: Scene, t: np.ndarray) -> Forcing:
 
 def _of_tables(tables: dict) -> Forcing:
     direction, velocity = None, None
-    if "field" in tables:
-        direction = np.array(tables["field"].get("direction", (0.0, 1.0)), dtype=float)
+    if "direction" in tables.get("field", {}):  # a field of Python that is not uniform has none
+        direction = np.array(tables["field"]["direction"], dtype=float)
     if "flow" in tables:
         flow = tables["flow"]
         sign = np.sign(flow.get("capillary_number", 1.0))

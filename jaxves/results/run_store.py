@@ -12,10 +12,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from ..base import status
 from ..observables import quantities
 from ..observables.rows import Row
 from . import restart
 from .hdf5 import Description, StoreError, datasets_below, histories, named_errors, opened, refuse_special
+from .ownership import writer_of
 from .views import Viewed
 
 SCHEMA_VERSION = 2
@@ -77,7 +79,8 @@ class Record(Viewed):
 
     `t` (T,), `x` (T, M, N, 2), `V_m` (T, M, N) or None without a field, `tension` (T, M, N), `nodes` (T, M),
     `steps` (T,), or None for a result that Python saved. `scalars` are the scalars of the state besides V_m by name,
-    (T, M, N) each. `scene` is the scene as TOML.
+    (T, M, N) each. `scene` is the scene as TOML. `is_cut_off` says that the process which wrote the file was ended
+    before it could store how the run ended.
     """
 
     t: np.ndarray
@@ -92,11 +95,12 @@ class Record(Viewed):
     attributes: dict
     status: str
     scene: str
+    is_cut_off: bool = False
 
     @property
     def word(self) -> str:
-        """The status word, as `status`."""
-        return self.status
+        """How the run ended: `status`, or "cut off" if this is "running" although no process writes the file."""
+        return "cut off" if self.is_cut_off else self.status
 
 
 def read_result(path: str | os.PathLike) -> Record:
@@ -118,6 +122,7 @@ def read_result(path: str | os.PathLike) -> Record:
         averages=averages,
         attributes=attributes,
         status=attributes["status"],
+        is_cut_off=attributes["status"] == status.WORDS[status.RUNNING] and writer_of(path) is None,
         scene=attributes["scene"],
     )
 
