@@ -1,6 +1,7 @@
 """Should a run adapt its number of nodes if the scene file does not say how many?
 
-    python -m experiments.default_nodes     # twenty-five minutes on two busy cores
+    python -m experiments.default_nodes             # twenty-five minutes on two busy cores
+    python -m experiments.default_nodes --pairs     # the built-in pairs, six minutes
 
 The scenes are some of those that are built in, and those of `stability_map` that did not end within 1e-3 with 64 nodes,
 as well as some that did. Each is run with 64 nodes and with `nodes = "auto"`, with compilation and with
@@ -9,6 +10,7 @@ nothing compiled before. The error is that which the run states.
 What to expect: "auto" completes scenes that 64 nodes do not resolve, and costs the same where 64 nodes are enough.
 """
 
+import argparse
 import json
 import signal
 import tempfile
@@ -28,7 +30,8 @@ from jaxves.runs.runner import run as run_file
 from ._common import HERE, store
 
 _LONGEST = 100  # seconds of CPU time
-NAMES = ("pop", "prolate", "relax", "shear", "sheared_field")  # budding and pairs take minutes
+NAMES = ("pop", "prolate", "relax", "shear", "sheared_field")
+PAIRS = ("chain", "circulation", "oscillation")
 QUICK = dict(names=("relax",), mapped=0)
 
 
@@ -90,8 +93,11 @@ def table(rows):
 
 
 def main():
-    rows = run()
-    store("default_nodes", rows)
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--pairs", action="store_true", help="run the built-in pairs instead")
+    pairs = options.parse_args().pairs
+    rows = run(PAIRS, 0) if pairs else run()
+    store("default_nodes", rows, "pairs" if pairs else "")
     print(*table(rows), sep="\n")
 
 

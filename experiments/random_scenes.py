@@ -27,13 +27,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxves.base import status
+from jaxves.inputs.parameters import with_nodes
 from jaxves.inputs.scene_files import parse, to_toml
 from jaxves.inputs.scene_tables import SceneFile
 from jaxves.numerics import fourier
 from jaxves.plots import run_plots
 from jaxves.results import run_store
 from jaxves.runs.build import build
-from jaxves.runs.problem import with_nodes
 from jaxves.runs.runner import run as run_file
 from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.marching import simulate

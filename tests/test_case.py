@@ -92,6 +92,20 @@ def test_a_use_that_cannot_honour_a_key_refuses_it(key, use):
 
 
 @pytest.mark.parametrize("use", uses.USES, ids=lambda use: use.name)
+def test_a_run_adapts_its_nodes_and_every_other_use_has_64_if_the_file_does_not_say(use):
+    nodes = Case.of({"t_end": 1.0, "vesicle": [{"reduced_area": 0.9}]}, use).scene_file.numerics.nodes
+    assert nodes == ("auto" if use is uses.RUN else 64)
+    assert Case.of(scene_file({"nodes": 20}), use).scene_file.numerics.nodes == 20
+
+
+def test_functions_of_the_numbers_of_a_scene_know_their_nodes():
+    file = {"t_end": 1.0, "vesicle": [{"reduced_area": 0.9}]}
+    outcomes = [sensitivity.AtEnd(file, ("deformation",))]
+    outcomes.append(Model.of(parse(file), Observations(0.01, {"deformation": np.zeros((1, 1))}, {"deformation": 1.0})))
+    assert [outcome.scene_file.numerics.nodes for outcome in outcomes] == [64, 64]
+
+
+@pytest.mark.parametrize("use", uses.USES, ids=lambda use: use.name)
 def test_an_early_end_is_honoured_or_refused(use):
     file = scene_file(stop={"steady": 1e-3})
     if use.stop:

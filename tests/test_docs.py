@@ -40,6 +40,12 @@ def test_the_references_have_every_key_quantity_command_and_name():
     assert len(experiments) > 35
 
 
+@pytest.mark.parametrize("name", ["scene-file", "sweep-file", "result-file"])
+def test_the_references_of_files_in_the_repository_are_those_that_their_command_writes(name):
+    page = f"reference/{name}.md"
+    assert (ROOT / "docs" / page).read_text(encoding="utf-8") == runpy.run_path(PAGES)["pages"]()[page]
+
+
 def test_every_key_of_a_scene_file_has_a_meaning():
     tables = re.findall(r"^\| `(\w+)` \| ([^|]*) \|", runpy.run_path(PAGES)["scene_file"](), re.MULTILINE)
     assert len(tables) > 40 and [key for key, meaning in tables if not meaning.strip()] == []

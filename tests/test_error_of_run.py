@@ -7,6 +7,7 @@ import pytest
 
 from jaxves.base import status
 from jaxves.cli.commands import answer
+from jaxves.inputs.parameters import with_nodes
 from jaxves.inputs.scene_files import parse, to_toml
 from jaxves.inputs.uses import RUN
 from jaxves.numerics import fourier
@@ -15,7 +16,6 @@ from jaxves.results import run_store
 from jaxves.runs import error_estimate, runner
 from jaxves.runs.build import build
 from jaxves.runs.case import Case
-from jaxves.runs.problem import with_nodes
 from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.marching import simulate
 from jaxves.sweeps.case_summary import outcome

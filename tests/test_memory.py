@@ -10,7 +10,7 @@ from jaxves.operators.memory import bytes_of_step
 from jaxves.operators.pairs import Pairwise
 from jaxves.operators.sums import MatrixFree, coupling_in_cell
 from jaxves.physics.scene import make_scene
-from jaxves.runs.problem import memory_of_machine, require_memory
+from jaxves.runs.problem import memory_of_machine, nodes_in_memory, require_memory
 
 
 def needed(M, coupling, N=64, domain=None):
@@ -27,6 +27,14 @@ def test_sums_grow_like_the_number_of_vesicles_and_matrices_like_its_square():
     pairs = Pairwise(direct=True)
     assert 14 < needed(256, pairs) / needed(64, pairs) < 16.1
     assert needed(1, None) < needed(2, pairs)
+
+
+def test_nodes_are_added_only_as_far_as_memory_allows():
+    scene = make_scene(list(jnp.stack([shapes.circle(16)] * 4) + 3.0 * jnp.arange(4)[:, None, None]))
+    two = float(bytes_of_step(4, 128, MatrixFree(), Free(), electric=False))
+    assert nodes_in_memory(scene, MatrixFree(), two) == 128
+    assert nodes_in_memory(scene, MatrixFree(), two - 1) == 96
+    assert nodes_in_memory(scene, MatrixFree(), 1.0) == 0
 
 
 def test_a_scene_without_room_is_refused_before_it_starts():

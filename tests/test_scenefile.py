@@ -335,7 +335,6 @@ def test_a_written_scene_is_complete_with_defaults_and_without_what_is_absent():
             }
         ],
         "numerics": {
-            "nodes": 64,
             "tolerance": 1e-4,
             "method": "auto",
             "solver": "auto",

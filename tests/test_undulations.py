@@ -10,8 +10,11 @@ from jaxves.geometry.curve import Curve
 from jaxves.inputs.checking import SceneError
 from jaxves.inputs.parameters import numbers
 from jaxves.inputs.scene_files import parse
+from jaxves.inputs.uses import RUN, SWEEP
 from jaxves.runs.build import build
+from jaxves.runs.case import Case
 
+NODES = {"numerics": {"nodes": 64}}
 THERMAL = dict(temperature=0.04, tension=20.0, modes=12, seed=3)
 
 
@@ -50,7 +53,7 @@ def test_the_shape_is_the_same_at_every_number_of_nodes_with_its_area_and_perime
 
 
 def test_a_scene_file_has_undulations_and_their_numbers():
-    tables = {"t_end": 1.0, "vesicle": [{"reduced_area": 0.9, "disturbance": THERMAL}], "numerics": {"nodes": 64}}
+    tables = {"t_end": 1.0, "vesicle": [{"reduced_area": 0.9, "disturbance": THERMAL}]} | NODES
     file = parse(tables)
     found = numbers(file)
     assert found["vesicle.disturbance.temperature"] == 0.04 and found["vesicle.disturbance.tension"] == 20.0
@@ -70,7 +73,14 @@ def test_a_scene_file_has_undulations_and_their_numbers():
 )
 def test_wrong_undulations_are_refused(change, message):
     with pytest.raises(SceneError, match=message):
-        parse({"t_end": 1.0, "vesicle": [{"reduced_area": 0.9, "disturbance": THERMAL | change}]})
+        parse({"t_end": 1.0, "vesicle": [{"reduced_area": 0.9, "disturbance": THERMAL | change}]} | NODES)
+
+
+def test_undulations_without_a_number_of_nodes_suit_a_run_and_not_a_sweep():
+    file = parse({"t_end": 1.0, "vesicle": [{"reduced_area": 0.9, "disturbance": THERMAL | {"modes": 29}}]})
+    assert Case.of(file, RUN).scene_file.numerics.nodes == "auto"
+    with pytest.raises(SceneError, match="modes = 29, expected at most 28 modes for 64 nodes"):
+        Case.of(file, SWEEP)
 
 
 def test_the_shape_has_a_derivative_with_respect_to_temperature_and_tension():

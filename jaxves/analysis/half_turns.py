@@ -21,13 +21,11 @@ from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 
 from ..base.arguments import refusal, require_count
-from ..inputs.scene_files import read_scene
 from ..inputs.scene_tables import SceneFile
-from ..inputs.uses import SENSITIVITY
 from ..observables.shear_motion import is_sheared
 from ..runs.case import Case
 from ..stepping.march import AbstractMarch
-from .sensitivity import chosen, names_of
+from .sensitivity import chosen, names_of, supported
 
 _HALVINGS = 60  # of an interval between saved times, to round-off
 
@@ -96,13 +94,12 @@ class OverHalfTurns(eqx.Module):
         ValueError: the scene is not one vesicle in a constant shear flow, or a diagnostic is unknown.
     """
 
-    scene_file: SceneFile = eqx.field(static=True, converter=read_scene)
+    scene_file: SceneFile = eqx.field(static=True, converter=supported)
     quantities: tuple[str, ...] = eqx.field(static=True, converter=names_of, default=("effective_viscosity",))
     turns: int = eqx.field(static=True, default=1)
     march: AbstractMarch | None = eqx.field(default=None)  # the file's
 
     def __check_init__(self):
-        Case.of(self.scene_file, SENSITIVITY)
         require_count("turns", self.turns)
         tables = self.scene_file.model_dump(by_alias=True, exclude_none=True)
         if not is_sheared(tables) or len(self.scene_file.vesicles()) != 1:

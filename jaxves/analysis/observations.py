@@ -30,7 +30,10 @@ from .film_gauge import Gauge, gauge
 
 
 class Observations(NamedTuple):
-    """Observed quantities by name, at T equally spaced times up to `t_end`, and their standard deviations."""
+    """Observed quantities by name, at T equally spaced times up to `t_end`, and their standard deviations.
+
+    The times are t_end k/T for k = 1 … T, so t = 0 is not among them. Diagnostics of vesicles have the shape (T, M).
+    """
 
     t_end: float
     seen: dict[str, Float[np.ndarray, "T ..."]]
@@ -98,7 +101,7 @@ class Model(eqx.Module):
             raise ValueError(f"scene has {len(scene_file.vesicles())} vesicles, expected one, as in a film.")
         march = (case.march(observations.t_end, saves) if march is None else march).forwards()
         return cls(
-            scene_file,
+            case.scene_file,
             tuple(sorted(observations.seen)),
             directions,
             saves,

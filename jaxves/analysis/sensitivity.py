@@ -22,7 +22,7 @@ from jaxtyping import Array
 from ..base.arguments import refusal, require
 from ..base.bounds import POSITIVE
 from ..equation.state import Unknowns
-from ..inputs.scene_files import read_scene
+from ..inputs.scene_files import Readable
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import SENSITIVITY
 from ..numerics.arrays import ScalarLike, as_float
@@ -38,6 +38,11 @@ def names_of(quantities: Sequence[str]) -> tuple[str, ...]:
     if isinstance(quantities, str) or not quantities:
         raise refusal("quantities", repr(quantities), "a list of names of diagnostics, at least one")
     return tuple(quantities)
+
+
+def supported(scene_file: Readable) -> SceneFile:
+    """Returns the scene file for sensitivities; raises SceneError if it has a key that they do not support."""
+    return Case.of(scene_file, SENSITIVITY).scene_file
 
 
 def chosen(found: Mapping[str, Array], quantities: Sequence[str]) -> dict[str, Array]:
@@ -59,14 +64,13 @@ class AtEnd(eqx.Module):
         ValueError: a diagnostic is unknown, or averages are asked for and the file has no `average`.
     """
 
-    scene_file: SceneFile = eqx.field(static=True, converter=read_scene)
+    scene_file: SceneFile = eqx.field(static=True, converter=supported)
     quantities: tuple[str, ...] = eqx.field(static=True, converter=names_of)
     t_end: float | None = eqx.field(static=True, default=None)  # the file's
     averaged: bool = eqx.field(static=True, default=False)
     march: AbstractMarch | None = eqx.field(default=None)  # the file's
 
     def __check_init__(self):
-        Case.of(self.scene_file, SENSITIVITY)
         if self.t_end is not None:
             require("t_end", self.t_end, POSITIVE)
         if self.averaged and self.scene_file.average is None:
@@ -100,12 +104,9 @@ class AtRest(eqx.Module):
         SceneError: as for `AtEnd`.
     """
 
-    scene_file: SceneFile = eqx.field(static=True, converter=read_scene)
+    scene_file: SceneFile = eqx.field(static=True, converter=supported)
     quantities: tuple[str, ...] = eqx.field(static=True, converter=names_of)
     start: Unknowns
-
-    def __check_init__(self):
-        Case.of(self.scene_file, SENSITIVITY)
 
     def __call__(self, values):
         case = Case(self.scene_file)

@@ -3,6 +3,7 @@
 import math
 
 AUTO_NODES = (64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048)  # the numbers of nodes for `nodes = "auto"`
+DEFAULT_NODES = 64  # of each vesicle, wherever the number is fixed and nothing is said
 USUAL_NODES = 256  # the largest of them, and the number for all rows, unless the membrane may be compressed strongly
 # Potentials below this size, in a E_inf, are resolved relative to it: their high modes do not matter to the motion.
 SMALL_POTENTIAL = 1e-2

@@ -60,7 +60,7 @@ ADVICE = {
     "use a larger tolerance, or continue with --resume.",
     "not finite": "A value overflowed: use a smaller step, or `tolerance` instead of `time_step`.",
     "inaccurate": "The run reached its end, but its error estimates leave less than one correct digit: use more nodes "
-    'or nodes = "auto", and a lower tolerance. The certificate names the largest error.',
+    "and a lower tolerance. The certificate names the largest error.",
     "invalid": "A number of the scene is out of its bounds, or a starting curve is clockwise or has unevenly spaced "
     "nodes: call make_scene with values that are not traced to see which.",
 }

@@ -15,6 +15,7 @@ from ..base.compiling import fast_start
 from ..inputs import sweep_files
 from ..inputs.scene_files import SceneError, built_in_scenes, read_scene
 from ..inputs.template import TEMPLATE
+from ..inputs.uses import RUN, for_use
 from ..results import run_store, sweep_store
 from ..results.hdf5 import StoreError
 from ..results.ownership import refuse_written
@@ -77,7 +78,7 @@ def run(
     """Simulate a scene."""
     limit = _limit(max_time)
     try:
-        scene_file = read_scene(scene)
+        scene_file = for_use(read_scene(scene), RUN)
         if force and resume:
             raise console.refused("--force replaces the result file and --resume continues it: give one of them.")
         if start is not None and resume:

@@ -70,6 +70,11 @@ def with_numbers(scene_file: SceneFile, values: Mapping[str, Any]) -> SceneFile:
     return scene_file
 
 
+def with_nodes(scene_file: SceneFile, N: int | str) -> SceneFile:
+    """Returns the same scene file with this number of nodes, or with "auto"."""
+    return scene_file.model_copy(update={"numerics": scene_file.numerics.model_copy(update={"nodes": N})})
+
+
 def check_numbers(scene_file: SceneFile, values: Mapping[str, float]) -> None:
     """Raises SceneError unless these numbers are allowed in place of those of the scene."""
     tables = with_numbers(scene_file, values).model_dump(by_alias=True, exclude_none=True)

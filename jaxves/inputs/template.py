@@ -83,7 +83,7 @@ direction = [0.0, 1.0]
 # class = "POP"              # or if all vesicles are in this class (P, O or POP)
 
 [numerics]
-nodes = 64                   # per vesicle; "auto": adapted during the run, from 64 to 2048
+# nodes = "auto"             # per vesicle; "auto": adapted during the run, from 64 to 2048; sweeps and fits have 64
 tolerance = 1e-4             # bounds the error of each time step
 # time_step = 1e-3           # fixed step, instead of a tolerance
 method = "auto"              # "ark4", or "ark5" for a tight tolerance; or one of these; or "euler" with a time_step

@@ -5,7 +5,9 @@ Nothing here imports JAX.
 
 from typing import NamedTuple
 
+from ..base.resolution import DEFAULT_NODES
 from .checking import SceneError
+from .parameters import with_nodes
 from .scene_tables import SceneFile
 
 
@@ -27,6 +29,13 @@ FOLD = Use("a critical value")
 GRADIENT_CHECK = Use("a gradient check")
 CONTROL = Use("a control")
 USES = (RUN, SWEEP, SENSITIVITY, FIT, CRITICAL_FIELD, FOLD, GRADIENT_CHECK, CONTROL)
+
+
+def for_use(scene_file: SceneFile, use: Use) -> SceneFile:
+    """Returns the scene file with the nodes that `use` has if the file says nothing: "auto" in a run, otherwise 64."""
+    if scene_file.numerics.nodes is not None:
+        return scene_file
+    return with_nodes(scene_file, "auto" if use.auto_nodes else DEFAULT_NODES)
 
 
 def refuse_unused(scene_file: SceneFile, use: Use, origin: str = "scene") -> None:

@@ -80,9 +80,9 @@ def undulation_modes(vesicle: VesicleTable) -> int:
     return disturbance.modes if isinstance(disturbance, UndulationTable) else 0
 
 
-def check_undulations(vesicles: Sequence[VesicleTable], nodes: int | Literal["auto"]) -> None:
-    """Refuses undulations with more modes than the nodes keep; for "auto", than the largest number of nodes keeps."""
-    N = sizes_up_to(math.inf)[-1] if nodes == "auto" else nodes
+def check_undulations(vesicles: Sequence[VesicleTable], nodes: int | Literal["auto"] | None) -> None:
+    """Refuses undulations with more modes than the nodes keep; for "auto" or None, than the largest number keeps."""
+    N = sizes_up_to(math.inf)[-1] if nodes in ("auto", None) else nodes
     for i, vesicle in enumerate(vesicles):
         modes = undulation_modes(vesicle)
         if modes > kept_modes(N):

@@ -12,5 +12,6 @@ earlier         starts a run from the result of another
 continuation    decides whether a result file can be continued
 rows            a buffer of rows that are written to the result file
 beginning       begins a run: a new one, one from an earlier result, or a continued one
+advice          what the nodes did not resolve, and what to change
 runner          `run`
 """

@@ -30,6 +30,7 @@ from ..base.resolution import SMALL_POTENTIAL, kept_modes, nodes_for_waves, size
 from ..equation.equation import Equation
 from ..equation.projection import Filter
 from ..equation.state import Unknowns
+from ..inputs.parameters import with_nodes
 from ..inputs.scene_tables import SceneFile
 from ..inputs.vesicle_tables import undulation_modes
 from ..numerics import fourier
@@ -40,7 +41,7 @@ from ..stepping.loop import to_save
 from ..stepping.state import Journey, State
 from .build import build
 from .case import Case
-from .problem import Problem, awaited, begun, keeps_linear_part, problem_of, strengthened, with_nodes
+from .problem import Problem, awaited, begun, keeps_linear_part, problem_of, strengthened
 from .programs import compiled, is_long
 
 _TENSION = 1e3  # limit of the tension divided by that of x and V_m
@@ -171,9 +172,9 @@ class Resolution:
         return other, first.state if problem else other._moved(first.state, N, say)
 
     def up_to(self, nodes: float | int) -> "Resolution":
-        """Returns the same run with numbers of nodes up to about `nodes`, and at least that of its start."""
-        other = copy.copy(self)
-        other.sizes = sizes_up_to(max(nodes, self.first.state.y.x.shape[1]))
+        """Returns the same run with its numbers of nodes up to about `nodes`, and at least that of its start."""
+        other, sizes = copy.copy(self), sizes_up_to(max(nodes, self.first.state.y.x.shape[1]))
+        other.sizes = tuple(N for N in self.sizes if sizes[-1] >= N)
         return other
 
     def problem(self, N: int) -> Problem:
@@ -262,4 +263,5 @@ def resolution_of(scene_file: SceneFile, problem: Problem, largest: float | int)
     if scene_file.numerics.nodes != "auto":
         return Resolution(problem, (x.shape[1],), 0.0, anew)
     tolerance = scene_file.numerics.tolerance or 1e-4
-    return Resolution(problem, sizes_up_to(largest), float(np.clip(1e-2 * tolerance, 1e-9, 1e-5)), anew)
+    sizes = tuple(N for N in sizes_up_to(largest) if largest >= N)
+    return Resolution(problem, sizes, float(np.clip(1e-2 * tolerance, 1e-9, 1e-5)), anew)

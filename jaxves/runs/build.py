@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..base.arguments import is_known
 from ..base.physical_numbers import PER_VESICLE
-from ..base.resolution import nodes_for_modes
+from ..base.resolution import DEFAULT_NODES, nodes_for_modes
 from ..geometry import curve, outlines, shapes
 from ..geometry.domain import Cell
 from ..inputs.cell_tables import CellTable
@@ -58,7 +58,7 @@ def build(scene_file: SceneFile) -> Scene:
         SceneError: the thermal undulations of a vesicle need more length than its shape has.
     """
     vesicles = scene_file.vesicles(jnp)
-    N = scene_file.numerics.nodes
+    N = DEFAULT_NODES if scene_file.numerics.nodes is None else scene_file.numerics.nodes
     if N == "auto":
         N = nodes_for_modes(max(undulation_modes(vesicle) for vesicle in vesicles))
     return make_scene(

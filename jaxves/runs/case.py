@@ -16,7 +16,7 @@ from ..equation.equation import Equation, equation_for
 from ..inputs.checking import checked
 from ..inputs.scene_files import Readable, read_scene
 from ..inputs.scene_tables import SceneFile
-from ..inputs.uses import Use, refuse_unused
+from ..inputs.uses import Use, for_use, refuse_unused
 from ..numerics.arrays import ScalarLike, Status, as_float
 from ..numerics.linear import AbstractSolver, Dense
 from ..observables.checks import Checks
@@ -45,10 +45,12 @@ class Case(eqx.Module):
     def of(cls, scene_file: Readable, use: Use) -> "Case":
         """Builds a case for `use` from a scene file, or from what `read_scene` reads as one.
 
+        Its file has the number of nodes that `use` has where nothing is said.
+
         Raises:
             SceneError: `scene_file` is no scene file, has a key that `use` does not support, or has an invalid value.
         """
-        scene_file = read_scene(scene_file)
+        scene_file = for_use(read_scene(scene_file), use)
         checked(SceneFile, scene_file.model_dump(by_alias=True, exclude_none=True), "scene")
         refuse_unused(scene_file, use)
         return cls(scene_file)

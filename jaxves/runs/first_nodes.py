@@ -4,7 +4,7 @@ Wrinkles are finest when a field or a flow is switched on. The most negative ten
 of F. If it asks for more nodes than the starting curves (`adapt_nodes`), the run begins with as many. Fields and flows
 that change in time are also evaluated, with the starting curves, at the instants at which they change, and at eight
 instants of a period. A run may use up to twice the largest number of nodes that these tensions ask for, and at least
-256. All rows of a result file have this number of nodes.
+256, as far as the memory of the machine allows. All rows of a result file have this number of nodes.
 """
 
 import equinox as eqx
@@ -24,7 +24,7 @@ from ..physics.scene import Scene
 from ..stepping.state import State
 from .adapt_nodes import Resolution, rebuilt, resolution_of
 from .case import Case
-from .problem import Problem, problem_of, strengthened
+from .problem import Problem, memory_of_machine, nodes_in_memory, problem_of, strengthened
 from .programs import compiled
 from .strength import STRONG, stress
 
@@ -37,6 +37,7 @@ _AFTER = 1e-9  # relative distance of an instant just after another
 def first_row(case: Case, scene: Scene) -> tuple[Scene, Resolution, State, Row]:
     """Returns the scene with the nodes for its start, the nodes that a run may use, its state and row at t = 0."""
     file, most = case.scene_file, max(_MOST // scene.x.shape[0], USUAL_NODES)
+    most = min(most, nodes_in_memory(scene, case.solved_by(scene)[1], memory_of_machine()))
     while True:
         problem = strengthened(problem_of(case, scene))
         N = scene.x.shape[1]

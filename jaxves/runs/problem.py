@@ -15,11 +15,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base import status
-from ..base.resolution import nodes_for_modes, sizes_up_to
+from ..base.resolution import AUTO_NODES, nodes_for_modes, sizes_up_to
 from ..equation.cells import coupling_of, domain_of
 from ..equation.equation import Equation, equation_for
 from ..equation.projection import Filter
 from ..equation.state import Unknowns
+from ..inputs.parameters import with_nodes
 from ..inputs.scene_files import SceneError, parse
 from ..inputs.scene_tables import SceneFile
 from ..inputs.vesicle_tables import undulation_modes
@@ -89,11 +90,6 @@ def starting_scene(scene_file: SceneFile) -> Scene:
     return finest
 
 
-def with_nodes(scene_file: SceneFile, N: int) -> SceneFile:
-    """Returns the same scene file with this number of nodes."""
-    return scene_file.model_copy(update={"numerics": scene_file.numerics.model_copy(update={"nodes": N})})
-
-
 def is_resolved(x: VesiclePoints, N: int):
     """Returns whether N nodes resolve these curves, which are given with more nodes; may be traced."""
 
@@ -125,11 +121,23 @@ def problem_of(case: Case, scene: Scene) -> Problem:
     return Problem(equation, march, case.checks(), stops, journey)
 
 
+def _memory(scene: Scene, coupling: AbstractCoupling | None, N: int) -> int:
+    parts = dict(electric=scene.field is not None, contrast=scene.viscosity_ratio is not None)
+    return bytes_of_step(scene.x.shape[0], N, coupling_of(scene, coupling), domain_of(scene), **parts)
+
+
+def nodes_in_memory(scene: Scene, coupling: AbstractCoupling | None, available: float) -> int:
+    """Returns the largest number of `AUTO_NODES` with which a step of the scene needs at most `available` bytes.
+
+    It is 0 if there is none.
+    """
+    return max((N for N in AUTO_NODES if _memory(scene, coupling, N) <= available), default=0)
+
+
 def require_memory(scene: Scene, coupling: AbstractCoupling | None, available: float) -> None:
     """Raises SceneError if a step of the scene needs more memory than `available`, in bytes."""
     M, N, _ = scene.x.shape
-    parts = dict(electric=scene.field is not None, contrast=scene.viscosity_ratio is not None)
-    needed = bytes_of_step(M, N, coupling_of(scene, coupling), domain_of(scene), **parts)
+    needed = _memory(scene, coupling, N)
     if needed > available:
         raise SceneError(
             f"numerics.nodes = {N} for {M} vesicles needs about {needed / 2**30:.3g} GiB of memory,"

@@ -23,6 +23,7 @@ from ..observables.of_ones_own import Observables, require_observables, with_own
 from ..results import hdf5, run_store
 from ..results.ownership import real, writing
 from ..stepping.state import Window
+from .advice import NodesOfRun, advice
 from .beginning import Begun, continued, new
 from .case import Case
 from .continuation import is_done, saved_times
@@ -104,16 +105,16 @@ def _carried_out(
         try:
             if begun.failed is None:
                 word = status.WORDS[_marched(scene_file, begun, observables, progress)]
-                advice = status.ADVICE[word]
             else:
-                word, advice = begun.failed.word, f"{begun.failed}."
+                word = begun.failed.word
             begun.rows.write()
             error = _error(scene_file, begun, progress) if word in status.SUCCESS else None
             links = certificate(writer.diagnostics(), error)
             if word in status.SUCCESS and not has_enough_digits(links):
                 word = status.WORDS[status.INACCURATE]
-                advice = status.ADVICE[word]
-            writer.finish(word, advice, time.perf_counter() - began, _averages(begun), links, error)
+            failed = begun.failed and f"{begun.failed}."
+            words = failed or advice(word, _nodes(begun), writer.diagnostics())
+            writer.finish(word, words, time.perf_counter() - began, _averages(begun), links, error)
         except hdf5.StoreError as error:
             raise Broken(str(error)) from error
     return word
@@ -154,6 +155,11 @@ def _error(scene_file: SceneFile, begun: Begun, progress: Told) -> float | None:
         return estimated_error(begun.resolution, writer.row, saved_times(scene_file)[: writer.saved], progress)
     except KeyboardInterrupt:  # the run itself is complete
         return np.nan
+
+
+def _nodes(begun: Begun) -> NodesOfRun:
+    sizes, neck = begun.resolution.sizes, begun.resolution.first.equation.refinement.resolved
+    return NodesOfRun(begun.rows.state.y.x.shape[1], sizes[-1], len(sizes) > 1, neck)
 
 
 def _averages(begun: Begun) -> dict[str, np.ndarray] | None:

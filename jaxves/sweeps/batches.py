@@ -26,7 +26,7 @@ from ..base.compiling import options_for
 from ..inputs.checking import SceneError
 from ..inputs.scene_tables import SceneFile
 from ..inputs.sweep_tables import SweepFile
-from ..inputs.uses import SWEEP
+from ..inputs.uses import SWEEP, for_use
 from ..runs import problem
 from ..runs.build import scene_of
 from ..runs.case import Case
@@ -131,9 +131,8 @@ class Batches:
     ):
         method = method or ("map" if devices[0].platform == "cpu" else "vmap")
         first, _ = sweep_file.max_steps
-        program = Program(
-            sweep_file.scene, sweep_file.keep, names, method, batch or _BATCH[method], tuple(devices)
-        )  # fmt: skip
+        scene = for_use(sweep_file.scene, SWEEP)
+        program = Program(scene, sweep_file.keep, names, method, batch or _BATCH[method], tuple(devices))
         while (need := _bytes(_compiled(program, first))) > (free := _free(devices)):
             fits = math.floor(program.batch * free / need)
             if batch or not fits:
