@@ -51,6 +51,12 @@ def test_treading_ends_at_the_critical_ratio(found):
             continuation.beginning(family, 2 * found.value - side.value, side.y)
 
 
+def test_a_steady_state_solves_all_its_equations_on_few_nodes(found):
+    """Equations that hold up to the discretisation error only would leave 1e-7 here, where Newton's method stalls."""
+    R, _ = continuation.linearised(fold.family_of(scene(), RATIO), found.y, jnp.asarray(found.value), found.y)
+    assert np.linalg.norm(R) < 1e-9
+
+
 def test_the_critical_ratio_does_not_depend_on_where_it_is_sought_from(found):
     np.testing.assert_allclose(again(ratio=1.0).value, found.value, rtol=1e-6)
 

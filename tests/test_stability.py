@@ -204,7 +204,7 @@ def test_a_run_is_shown_with_the_rate_at_which_its_last_state_is_left():
 
 def test_a_state_that_is_not_steady_has_no_rates(analysed):
     numbers = as_arrays(NUMBERS._replace(beta=400.0, shear=0.0))
-    x = shapes.ellipse(32, AREA, angle=0.7)
+    x = shapes.ellipse(32, 0.3, angle=0.7)
     (_, found), _ = analysed(numbers, jnp.asarray(AREA), Unknowns.of(x[None], jnp.zeros((1, 32))))
     assert not found.steady.converged and not found.is_stable
     assert np.all(np.isnan(found.rates))

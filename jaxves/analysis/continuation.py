@@ -31,9 +31,9 @@ from .critical import NoCriticalValue
 from .steady import residuals
 
 _INSENSITIVE = 1e-3  # least size of the state's part of the tangent at the start that is scaled for
-_SETTLED = 1e-9  # Newton's method has converged if its last change is smaller; noise in the highest modes halves only
+_SETTLED = 1e-9  # Newton's method has converged if its last change is smaller
 _LOOSE = 1e-9  # relative singular values below this belong to directions that no equation fixes
-_MOST = 40  # changes by Newton's method for one point
+_MOST = 15  # changes by Newton's method for one point
 _BENT = 0.9  # least cosine between the tangents of neighbouring points
 _LEAST = 1e-4  # least arclength between points
 

@@ -8,8 +8,9 @@ Its shape is steady. With the mean velocity v̄ and the frame n, t, the shape an
 Further equations are the quantities that a run conserves: the area, the uniform metric (and with it the perimeter), and
 ∮ V_m ds = 0. The centroid and the first node are kept at their positions in the start, and so is the direction in a
 fluid at rest without a field. A circle, which cannot deform, has the equation of its outline instead of the first one.
-There are more equations than unknowns, but they are consistent. The Gauss-Newton step with the pseudo-inverse then
-converges quadratically, and the implicit function theorem is
+There are more equations than unknowns, but they are consistent: combinations of them that hold for every shape only up
+to the discretisation error are left out. The Gauss-Newton step with the pseudo-inverse then converges quadratically,
+and the implicit function theorem is
 
     dy = -R_y⁺ R_p dp
 
@@ -19,6 +20,7 @@ Directions that no equation fixes stay unchanged.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
@@ -67,8 +69,8 @@ def residuals(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R
         # The velocities of all equations then have the same size for every ν.
         normal = 0.5 * (1 + equation.scene.viscosity_ratio)[:, None] * normal
     parts = [
-        fourier.low_pass(normal[0], filter.x),
-        fourier.low_pass(outline.speed / equation.speed[0] - 1, filter.surface),
+        _independent(fourier.low_pass(normal[0], filter.x), outline, anchor, filter.x),
+        fourier.multiply(outline.speed / equation.speed[0] - 1, _independent_modes(N, filter.x)),
         jnp.ravel(fourier.high_modes(N, filter.x).T @ x),
         geometry.area(outline) / equation.area - 1,
         geometry.centroid(outline) - geometry.centroid(anchor),
@@ -85,6 +87,37 @@ def residuals(equation: Equation, y: Unknowns, anchor: Curve) -> Float[Array, "R
             jnp.mean(scalar[0])[None],
         ]
     return jnp.concatenate(parts)
+
+
+def _independent(normal: Float[Array, "N"], outline: Curve, anchor: Curve, cut: int) -> Float[Array, "N"]:
+    """Returns normal velocities relative to v̄ without the parts that are zero for every shape.
+
+    An inextensible membrane with a constant area has w = (v - v̄)·n with ∮ w ds = ∮ κ w ds = ∮ (n + κx) w ds = 0. At the
+    nodes this holds up to the discretisation error only, and would give four equations too many. What is zero where w
+    is a combination of 1, κ and n + κx stays orthogonal to those of `anchor`, so that four equations are absent.
+    """
+    bases, fixed = _dependent(outline, cut), _dependent(anchor, cut)
+    gram = fixed.T @ bases
+    # A circle has a constant κ.
+    parts = jnp.linalg.solve(gram + 1e-12 * jnp.trace(gram) * jnp.eye(4), fixed.T @ normal)
+    return normal - bases @ parts
+
+
+def _dependent(outline: Curve, cut: int) -> Float[Array, "N 4"]:
+    curvature = outline.curvature[:, None]
+    bases = jnp.concatenate([jnp.ones_like(curvature), curvature, outline.normal + curvature * outline.x], axis=1)
+    return fourier.low_pass(bases, cut, axis=0)
+
+
+def _independent_modes(N: int, cut: int) -> np.ndarray:
+    """Returns the symbol (N/2 + 1,) of the modes of the metric that nodes with modes up to K = N/2 - `cut` determine.
+
+    A node mode k changes normal velocity and metric in the modes |k - 1| of one turn of the tangent. With the modes of
+    the normal velocity up to K, there are as many equations as unknowns, also for centrally symmetric shapes alone,
+    if the metric has the modes up to K - 1 and K + 1.
+    """
+    modes, highest = np.arange(N // 2 + 1), N // 2 - cut
+    return ((modes <= highest + 1) & (modes != highest)).astype(float)
 
 
 def steady_shape(scene: Scene, start: Unknowns, *, most: int = 30, solver: AbstractSolver | None = None) -> Steady:
