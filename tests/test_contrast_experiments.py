@@ -1,0 +1,37 @@
+"""Experiments on viscous vesicles at toy size, and what their stored numbers promise."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments import critical_ratio
+from experiments._common import HERE
+
+
+def stored(name):
+    return json.loads((HERE / "data" / f"{name}.json").read_text())["data"]
+
+
+def test_the_critical_ratio_is_that_which_is_stored():
+    found = critical_ratio.run(**critical_ratio.QUICK)[10.0][0.95]
+    np.testing.assert_allclose(found["ratio"], stored("critical_ratio")["10.0"]["0.95"]["ratio"], rtol=1e-5)
+
+
+@pytest.mark.parametrize("shear", critical_ratio.SHEARS)
+def test_stored_critical_ratios_have_four_digits_lie_above_the_theory_and_tend_to_it(shear):
+    rows = stored("critical_ratio")[str(shear)]
+    assert list(rows) == [str(area) for few in critical_ratio.AREAS.values() for area in few]
+    for row in rows.values():
+        assert row["error"] < 5e-5 * row["ratio"] and row["by area"] > 0
+    deviation = [row["ratio"] / row["theory"] - 1 for row in rows.values()]
+    assert 0 < deviation[0] < 0.05 and np.all(np.diff(deviation[:4]) > 0)
+
+
+@pytest.mark.parametrize("shear", critical_ratio.SHEARS)
+def test_differences_between_critical_ratios_lie_between_their_derivatives(shear):
+    rows = stored("critical_ratio")[str(shear)]
+    areas, ratios = [float(area) for area in rows], [row["ratio"] for row in rows.values()]
+    slopes = [row["by area"] for row in rows.values()]
+    for chord, *ends in zip(np.diff(ratios) / np.diff(areas), slopes[:-1], slopes[1:], strict=True):
+        assert min(ends) < chord < max(ends)
