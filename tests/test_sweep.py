@@ -128,6 +128,10 @@ def test_show_and_plot_know_a_sweep_when_they_see_one(whole, tmp_path):
 
     code, out, _ = call("show", whole)
     assert code == 0 and "cases: 6 complete" in out and "classes: 6 P" in out
+    D = sweep_store.history(whole, "deformation_along_field", (2, 0))
+    trend = sweep_store.read_sweep(whole).data["deformation_trend"][2, 0]
+    np.testing.assert_allclose(trend, 4 * (D[-1] - D[-2]), rtol=1e-9)
+    assert "still changing" not in out
     code, _, err = call("plot", whole, "--out", tmp_path / "pop", "--what", "map", "--what", "phases")
     assert code == 0, err
     code, _, err = call("plot", whole, "--out", tmp_path / "pop", "--what", "curves", "--quantity", "max_V_m_max")
@@ -165,7 +169,9 @@ def test_poisoned_cases_are_flagged_and_no_other(tmp_path):
     assert np.all(record.classes[good] == alone.classes) and np.all(record.classes[bad] == "")
     for name in ("deformation_final", "min_gap_final"):
         np.testing.assert_array_equal(record.data[name][good], alone.data[name])
-        assert np.isnan(record.data[name][[nan, impossible]]).all()
+        assert np.isnan(record.data[name][bad]).all()
+    assert np.isfinite(record.data["deformation_max"][[thin]]).all()
+    assert np.isnan(record.data["deformation_trend"][bad]).all()
 
 
 def test_cases_that_need_more_steps_get_them_in_a_second_pass_and_no_more_than_that(whole, tmp_path):

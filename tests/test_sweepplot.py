@@ -49,18 +49,51 @@ def test_a_phase_diagram_shows_each_class_and_the_line_between_them():
     lines = [path.vertices for item in ax.collections if not isinstance(item, QuadMesh) for path in item.get_paths()]
     assert lines and all(np.allclose(line[:, 0], 2.5) for line in lines)
     assert (ax.get_xlabel(), ax.get_ylabel()) == (axis_label(BETA), axis_label(CONDUCTANCE))
-    assert {text.get_text() for text in ax.texts} == {"P", "O"}
+    legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
+    assert legend == ["P", "O"] and not ax.texts
 
 
-def test_what_refinement_left_out_has_the_colour_of_its_surroundings_and_what_failed_is_crossed_out():
+def hatched(ax):
+    """The corners of all hatched cells."""
+    return [path.vertices for item in ax.collections if item.get_hatch() for path in item.get_paths()]
+
+
+def test_what_refinement_left_out_has_the_colour_of_its_surroundings_and_what_failed_is_hatched():
     base = record(BETA, CONDUCTANCE)
     status, classes = base.status.copy(), base.classes.copy()
     status[1, 1], classes[1, 1] = "skipped", ""
     status[4, 3], classes[4, 3] = "collision", ""
     ax = phase_diagram(record(BETA, CONDUCTANCE, status=status, classes=classes)).axes[0]
-    np.testing.assert_array_equal(codes_shown(ax), codes_shown(phase_diagram(base).axes[0]))
-    (crosses,) = [line for line in ax.lines if line.get_marker() == "x"]
-    np.testing.assert_array_equal(crosses.get_xydata(), [[5.0, 5.0]])
+    expected = codes_shown(phase_diagram(base).axes[0]).astype(float)
+    expected[4, 3] = np.nan
+    np.testing.assert_array_equal(codes_shown(ax), expected)
+    (cell,) = hatched(ax)
+    assert cell.min(axis=0) == pytest.approx([4.5, 13 / 3]) and cell.max(axis=0) == pytest.approx([5.5, 17 / 3])
+    assert [text.get_text() for text in ax.figure.legends[0].get_texts()] == ["P", "O", "no result"]
+
+
+def test_a_case_that_is_still_changing_at_the_end_has_a_circle():
+    trend = np.zeros((5, 4, 1))
+    trend[2, 1] = -0.02
+    found = record(BETA, CONDUCTANCE, data={"deformation_trend": trend})
+    figure = phase_diagram(found)
+    (circles,) = [line for line in figure.axes[0].lines if line.get_marker() == "o" and len(line.get_xdata())]
+    np.testing.assert_allclose(circles.get_xydata(), [[3.0, 7 / 3]])
+    assert "still changing" in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert any("1 of the complete cases are still changing at t_end" in str(part) for part in summary(found, Path("a")))
+    found.status[2, 1] = "steady"
+    assert not found.changing.any()
+
+
+def test_an_axis_without_negative_values_does_not_run_below_zero():
+    base = record(BETA, CONDUCTANCE)
+    base.coordinates[BETA][1][:] = [0.0, 1.0, 2.0, 3.0, 4.0]
+    base.coordinates[CONDUCTANCE][1][:] = [-1.0, 0.0, 1.0, 2.0]
+    for figure in (phase_diagram(base), quantity_map(base, "deformation_final")):
+        assert figure.axes[0].get_xlim() == (0.0, 4.5) and figure.axes[0].get_ylim() == (-1.5, 2.5)
+    base.coordinates[BETA][1][:] = [0.01, 0.1, 1.0, 10.0, 100.0]
+    ax = phase_diagram(base).axes[0]
+    assert ax.get_xscale() == "log" and ax.get_xlim() == pytest.approx((10**-2.5, 10**2.5))
 
 
 def test_a_grid_of_three_axes_has_a_panel_for_each_value_of_the_first():
@@ -79,9 +112,11 @@ def test_a_map_shows_the_values_and_leaves_out_failed_cases():
     status = base.status.copy()
     status[0, 0] = "collision"
     figure = quantity_map(record(BETA, CONDUCTANCE, status=status), "deformation_final")
-    shown = codes_shown(figure.axes[0])
-    np.testing.assert_allclose(shown[1:], base.data["deformation_final"][1:, :, 0])
-    assert shown[0, 0] in (1.0, 2.0)  # that of a neighbour
+    shown, expected = codes_shown(figure.axes[0]), base.data["deformation_final"][..., 0].copy()
+    expected[0, 0] = np.nan
+    np.testing.assert_allclose(shown, expected)
+    assert len(hatched(figure.axes[0])) == 1
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["no value"]
 
 
 @pytest.mark.parametrize("names", [(BETA,), (BETA, CONDUCTANCE)])
@@ -96,7 +131,8 @@ def test_curves_have_the_longest_axis_below_and_one_line_for_each_value_of_the_o
     ("draw", "changed", "words"),
     [
         (phase_diagram, {"classes": None}, "needs classes"),
-        (lambda r: quantity_map(r, "colour"), {}, "colour is no quantity"),
+        (lambda r: quantity_map(r, "colour"), {}, r"colour is no quantity .* steps; or .* exists: deformation\.$"),
+        (lambda r: quantity_map(r, "deformation"), {}, r"no quantity of this sweep: did you mean deformation_final\?$"),
         (lambda r: quantity_map(r, "deformation_final", (1, 2)), {}, "component"),
     ],
 )

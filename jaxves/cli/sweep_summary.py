@@ -11,6 +11,7 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from ..base import status
+from ..observables import classes
 from ..results.ownership import writer_of
 from ..results.sweep_store import DUE, SKIPPED, SweepRecord
 
@@ -51,6 +52,11 @@ def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
         if found is not None:
             words, counts = np.unique(found[found != ""], return_counts=True)
             yield f"{what}: " + ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
+    if still := int(np.sum(record.changing)):
+        yield (
+            f"{still} of the complete cases are still changing at t_end: in as much time again, D would change by more "
+            f"than {classes.THRESHOLD} at its last rate, and their class may be another one."
+        )
     yield from failures(record)
     yield _quantities(record)
 

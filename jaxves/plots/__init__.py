@@ -9,6 +9,7 @@ lines           streamlines and field lines
 films           animations
 cell_plots      suspensions in a periodic cell
 frame_plots     outlines from a microscope
+grid_cells      the cells of a grid of cases: edges, borders between classes, cells without a result
 sweep_plots     phase diagrams, maps, curves
 drawing         figures by name, for the methods of results
 """

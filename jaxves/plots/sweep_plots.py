@@ -1,9 +1,13 @@
 """Figures of sweeps: phase diagrams with class boundaries, maps and families of curves.
 
 Functions take a `SweepRecord` and return a matplotlib `Figure`. With `ax`, they draw into the axes of the caller.
-A grid with three axes becomes one panel for each value of the first axis. Failed cases are marked with a cross. Cases
-that were skipped by the refinement have the colour of the nearest computed case.
+A grid with three axes becomes one panel for each value of the first axis. Cases without a result are hatched, and are
+crosses among samples. Cases that were skipped by the refinement have the colour of the nearest computed case.
 """
+
+import difflib
+import itertools
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib import rc_context
@@ -12,17 +16,19 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from scipy.interpolate import NearestNDInterpolator
-from scipy.ndimage import distance_transform_edt
+from matplotlib.lines import Line2D
 
 from ..base import status
 from ..base.physical_numbers import declared
 from ..results.sweep_store import DUE, SKIPPED, SweepRecord
+from . import grid_cells
 from .style import COLUMN, INK, PAGE, STYLE, quantity_label, scale
 from .windows import Into, figure_of, given_axes
 
 _COLORS = {"P": "#8fbfe0", "O": "#f0b27a", "POP": "#8ccfb5", "breathing": "#b7a5d9", "open": "0.85"}
 _MORE = ("#d9a5c7", "#e8d98a", "#b0b7e0", "#c9c9c9")
+_LINES = ("-", "--", "-.", ":")
+_MARKERS = ("o", "s", "^", "D", "v", "x")
 _KINDS = {"final": "{}", "average": "mean {}", "min": "least {}", "max": "greatest {}"}
 
 
@@ -48,35 +54,79 @@ def default_quantity(record: SweepRecord) -> str:
     return "deformation_final"
 
 
+class _Cells(NamedTuple):
+    """Values of the cases (NaN where there is none), and which were skipped, computed, or still change at t_end."""
+
+    values: np.ndarray
+    skipped: np.ndarray
+    computed: np.ndarray
+    changing: np.ndarray
+
+    @classmethod
+    def of(cls, record: SweepRecord, values: np.ndarray) -> "_Cells":
+        computed = ~np.isin(record.status, [*DUE, SKIPPED])
+        return cls(np.where(_good(record), values, np.nan), record.status == SKIPPED, computed, record.changing)
+
+    @property
+    def missing(self) -> np.ndarray:
+        """The cases without a value, although the refinement did not skip them."""
+        return ~np.isfinite(self.values) & ~self.skipped
+
+
 @rc_context(STYLE)
 def phase_diagram(record: SweepRecord, *, ax: Into = None) -> Figure:
     """Draws the classes over the last two axes with the boundaries between them; samples are drawn as points.
+
+    A circle marks a case that is still changing at `t_end`, so that its class may be another one later.
 
     Raises:
         ValueError: the sweep has no classes, or fewer than two numbers vary.
     """
     if record.classes is None:
         raise ValueError("A phase diagram needs classes, which only scenes with a field have.")
-    words = [word for word in _COLORS if word in record.classes]
-    words += [str(word) for word in np.unique(record.classes) if word and word not in words]
+    known = record.classes[_good(record)]
+    words = [word for word in _COLORS if word in known]
+    words += [str(word) for word in np.unique(known) if word and word not in words]
     colors = [_COLORS.get(word, _MORE[i % len(_MORE)]) for i, word in enumerate(words)]
     codes = np.select([record.classes == word for word in words], np.arange(len(words)), np.nan)
+    cells = _Cells.of(record, codes)
 
-    def draw(ax: Axes, x, y, codes, good, computed):
+    def draw(ax: Axes, x, y, cells: _Cells):
+        codes, points = cells.values, _points(x, y, cells.computed & ~cells.missing)
         if codes.ndim == 1:
-            ax.scatter(x, y, c=[colors[int(c)] if np.isfinite(c) else "none" for c in codes], s=14, linewidths=0)
-            return
-        filled = _filled(codes)
-        ax.pcolormesh(x, y, filled.T, cmap=ListedColormap(colors), vmin=-0.5, vmax=len(words) - 0.5, shading="nearest")
-        ax.add_collection(LineCollection(_borders(x, y, filled), colors=INK, linewidths=0.8, capstyle="round"))
-        ax.plot(*_points(x, y, computed), ".", color=INK, markersize=1.0, alpha=0.35)
-        for code, word in enumerate(words):
-            _write(ax, word, x, y, filled == code)
+            there = np.isfinite(codes)
+            ax.scatter(x[there], y[there], c=[colors[int(c)] for c in codes[there]], s=14, linewidths=0)
+        else:
+            across, upward, shown = grid_cells.edges(x), grid_cells.edges(y), grid_cells.filled(codes, cells.skipped)
+            ax.pcolormesh(across, upward, shown.T, cmap=ListedColormap(colors), vmin=-0.5, vmax=len(words) - 0.5)
+            lines = grid_cells.borders(across, upward, shown)
+            ax.add_collection(LineCollection(lines, colors=INK, linewidths=0.8, capstyle="round"))
+            grid_cells.hatch(ax, across, upward, ~np.isfinite(shown))
+            ax.plot(*points, ".", color=INK, markersize=1.0, alpha=0.35, clip_on=False)
+        if cells.changing.any():
+            ax.plot(*_points(x, y, cells.changing), **_CHANGING)
 
-    figure, axes = _panels(record, codes, draw, ax)
+    figure, axes = _panels(record, cells, draw, ax)
     handles = [axes[0].plot([], [], "s", color=color, label=word)[0] for word, color in zip(words, colors, strict=True)]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(words), handlelength=1)
+    if cells.changing.any():
+        handles.append(Line2D([], [], label="still changing", **_CHANGING))
+    _legend(figure, handles, cells, "no result")
     return figure
+
+
+_CHANGING = {"marker": "o", "linestyle": "none", "color": INK, "markersize": 3, "markerfacecolor": "none",
+             "markeredgewidth": 0.6, "clip_on": False}  # fmt: skip
+
+
+def _legend(figure: Figure, handles: list, cells: _Cells, without: str) -> None:
+    """Draws the legend above the panels; `without` says what hatched cells and crosses are."""
+    if cells.missing.any():
+        handles = [*handles, grid_cells.hatched_patch(without) if cells.values.ndim > 1 else _crosses([], [], without)]
+    if handles:
+        figure.legend(
+            handles=handles, loc="outside upper center", ncols=len(handles), handlelength=1, columnspacing=1.2,
+            handletextpad=0.5,
+        )  # fmt: skip
 
 
 @rc_context(STYLE)
@@ -90,15 +140,20 @@ def quantity_map(
     """
     name, values = _values(record, name, component)
     colors = scale(np.where(np.isfinite(values), values, np.nan))
+    cells = _Cells.of(record, values)
 
-    def draw(ax: Axes, x, y, values, good, computed):
-        if values.ndim == 1:
-            ax.scatter(x, y, c=values, norm=colors.norm, cmap=colors.cmap, s=14, linewidths=0)
-        else:
-            ax.pcolormesh(x, y, _filled(values).T, norm=colors.norm, cmap=colors.cmap, shading="nearest")
+    def draw(ax: Axes, x, y, cells: _Cells):
+        if cells.values.ndim == 1:
+            ax.scatter(x, y, c=cells.values, norm=colors.norm, cmap=colors.cmap, s=14, linewidths=0)
+            return
+        across, upward = grid_cells.edges(x), grid_cells.edges(y)
+        shown = grid_cells.filled(cells.values, cells.skipped)
+        ax.pcolormesh(across, upward, shown.T, norm=colors.norm, cmap=colors.cmap)
+        grid_cells.hatch(ax, across, upward, ~np.isfinite(shown))
 
-    figure, axes = _panels(record, values, draw, ax)
+    figure, axes = _panels(record, cells, draw, ax)
     figure.colorbar(ScalarMappable(colors.norm, colors.cmap), ax=axes, label=value_label(record, name))
+    _legend(figure, [], cells, "no value")
     return figure
 
 
@@ -122,17 +177,20 @@ def curves(
     others = [dim for i, dim in enumerate(record.dims) if i != along]
     families = record.coordinates[others[0]][1] if others else [None]
     shades = scale(np.asarray(families, dtype=float)) if others else None
-    for family, column in zip(families, values.T, strict=True):
-        there = np.isfinite(column)
+    skipped = np.moveaxis(record.status == SKIPPED, along, 0).reshape(len(x), -1)
+    looks = itertools.cycle(zip(itertools.cycle(_LINES), _MARKERS * 2, strict=False))  # curves may lie on each other
+    for family, column, left_out, (line, marker) in zip(families, values.T, skipped.T, looks, strict=False):
+        there = ~left_out  # a case without a value is a gap
         color = shades.to_rgba(family) if others and len(families) > 6 else None
         label = f"{axis_label(others[0])} = {family:.4g}" if others else None
-        ax.plot(x[there], column[there], ".-", markersize=3, color=color, label=label)
+        look = {"linestyle": line, "marker": marker, "markersize": 3, "markerfacecolor": "none", "markeredgewidth": 0.8}
+        ax.plot(x[there], column[there], color=color, label=label, **look)
     if others and len(families) > 6:
         figure_of(ax).colorbar(shades, ax=ax, label=axis_label(others[0]))
     elif others:
         ax.legend()
     ax.set(xlabel=axis_label(record.dims[along]), ylabel=value_label(record, name))
-    _scale_axis(ax.set_xscale, x)
+    _scale_axis(ax.set_xscale, ax.get_xlim, ax.set_xlim, x)
     ax.spines[["top", "right"]].set_visible(False)
     return figure_of(ax)
 
@@ -140,7 +198,7 @@ def curves(
 def _values(record: SweepRecord, name: str | None, component) -> tuple[str, np.ndarray]:
     name = default_quantity(record) if name is None else name
     if name not in record.data:
-        raise ValueError(f"{name} is no quantity of this sweep, expected one of {', '.join(sorted(record.data))}.")
+        raise ValueError(f"{name} is no quantity of this sweep{_instead(name, record)}")
     values = np.asarray(record.data[name], dtype=float)
     inner = values.ndim - record.status.ndim
     component = (0,) * inner if component is None else tuple(component)
@@ -150,44 +208,46 @@ def _values(record: SweepRecord, name: str | None, component) -> tuple[str, np.n
     return name, np.where(_good(record), values, np.nan)
 
 
+def _instead(name: str, record: SweepRecord) -> str:
+    """Returns the end of a sentence with the most similar quantities or, if none is similar, with what there is."""
+    near = difflib.get_close_matches(name, record.data, n=3, cutoff=0.5)
+    if near:
+        return f": did you mean {' or '.join(near)}?"
+    parts = [known.rpartition("_") for known in record.data]
+    bases = sorted({base for base, _, kind in parts if kind in _KINDS})
+    others = sorted(known for known, (_, _, kind) in zip(record.data, parts, strict=True) if kind not in _KINDS)
+    kinds = ", ".join(f"_{kind}" for kind in _KINDS)
+    return f", expected {', '.join(others)}; or with {kinds} where it exists: {', '.join(bases)}."
+
+
 def _good(record: SweepRecord) -> np.ndarray:
     return np.isin(record.status, list(status.SUCCESS))
 
 
-def _panels(record: SweepRecord, values: np.ndarray, draw, ax: Into) -> tuple[Figure, list[Axes]]:
-    """Makes a panel, or one for each value of the first of three axes.
-
-    `draw(ax, x, y, values, good, computed)` draws into a panel.
-    """
+def _panels(record: SweepRecord, cells: _Cells, draw, ax: Into) -> tuple[Figure, list[Axes]]:
+    """Makes a panel, or one for each value of the first of three axes. `draw(ax, x, y, cells)` draws into a panel."""
     names = list(record.coordinates)
-    good, computed = _good(record), ~np.isin(record.status, [*DUE, SKIPPED])
     if len(names) < 2:
         raise ValueError(f"A map needs two axes, but this sweep has only {names[0]}.")
-    if record.dims == ("case",):
-        x, y = (record.coordinates[name][1] for name in names[:2])
-        parts = [(None, values, good, computed)]
-    elif len(names) > 3:
+    is_sample = record.dims == ("case",)
+    if len(names) > 3 and not is_sample:
         raise ValueError(f"A map needs two or three axes, but this sweep has {len(names)}.")
-    else:
-        x, y = (record.coordinates[name][1] for name in names[-2:])
-        if len(names) == 2:
-            parts = [(None, values, good, computed)]
-        else:
-            parts = list(zip(record.coordinates[names[0]][1], values, good, computed, strict=True))
-    shown = names[:2] if record.dims == ("case",) else names[-2:]
+    shown = names[:2] if is_sample else names[-2:]
+    x, y = (record.coordinates[name][1] for name in shown)
+    parts = [(None, cells)]
+    if len(names) == 3 and not is_sample:
+        values = record.coordinates[names[0]][1]
+        parts = [(value, _Cells(*(part[i] for part in cells))) for i, value in enumerate(values)]
     axes = given_axes(ax, len(parts))
     if axes is None:
         figure = Figure(figsize=(COLUMN, 2.9) if len(parts) == 1 else (PAGE, 2.6))
         axes = list(figure.subplots(1, len(parts), squeeze=False, sharey=True)[0])
-    for ax, (value, inside, fine, there) in zip(axes, parts, strict=True):
-        draw(ax, x, y, inside, fine, there)
-        failed = there & ~fine
-        if failed.ndim == 2:
-            ax.plot(*_points(x, y, failed), "x", color=INK, markersize=3, markeredgewidth=0.6)
-        else:
-            ax.plot(x[failed], y[failed], "x", color=INK, markersize=3, markeredgewidth=0.6)
-        _scale_axis(ax.set_xscale, x)
-        _scale_axis(ax.set_yscale, y)
+    for ax, (value, part) in zip(axes, parts, strict=True):
+        draw(ax, x, y, part)
+        if is_sample:
+            ax.add_line(_crosses(x[part.missing], y[part.missing]))
+        _scale_axis(ax.set_xscale, ax.get_xlim, ax.set_xlim, x)
+        _scale_axis(ax.set_yscale, ax.get_ylim, ax.set_ylim, y)
         ax.set_xlabel(axis_label(shown[0]))
         if value is not None:
             ax.set_title(f"{axis_label(names[0])} = {value:.4g}")
@@ -195,49 +255,22 @@ def _panels(record: SweepRecord, values: np.ndarray, draw, ax: Into) -> tuple[Fi
     return figure_of(axes[0]), axes
 
 
+def _crosses(x, y, label: str | None = None) -> Line2D:
+    """Returns crosses for the cases of a sample that have no result."""
+    return Line2D(x, y, linestyle="none", marker="x", color=INK, markersize=3, markeredgewidth=0.6, label=label)
+
+
 def _points(x: np.ndarray, y: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the coordinates of the cases in a mask, of a grid (x, y) or of samples."""
+    if mask.ndim == 1:
+        return x[mask], y[mask]
     i, j = np.nonzero(mask)
     return x[i], y[j]
 
 
-def _filled(values: np.ndarray) -> np.ndarray:
-    """Returns the grid with missing values replaced by that of the nearest point."""
-    there = np.isfinite(values)
-    if there.all() or not there.any():
-        return values
-    near = NearestNDInterpolator(np.argwhere(there), values[there])
-    return near(*np.indices(values.shape))
-
-
-def _edges(centers: np.ndarray) -> np.ndarray:
-    """Returns the edges of the cells that `pcolormesh` draws around these values."""
-    middle = 0.5 * (centers[1:] + centers[:-1])
-    return np.concatenate([[2 * centers[0] - middle[0]], middle, [2 * centers[-1] - middle[-1]]])
-
-
-def _borders(x: np.ndarray, y: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Returns the edges (K, 2, 2) between neighbouring cells with different values; `cells` has the shape (x, y)."""
-    across, upward = _edges(x), _edges(y)
-    i, j = np.nonzero(cells[1:] != cells[:-1])
-    vertical = np.stack([np.stack([across[i + 1], upward[j + k]], axis=-1) for k in (0, 1)], axis=1)
-    i, j = np.nonzero(cells[:, 1:] != cells[:, :-1])
-    level = np.stack([np.stack([across[i + k], upward[j + 1]], axis=-1) for k in (0, 1)], axis=1)
-    return np.concatenate([vertical, level])
-
-
-def _write(ax: Axes, word: str, x: np.ndarray, y: np.ndarray, region: np.ndarray) -> None:
-    """Writes the name of a class where its region is widest, if there is room."""
-    if region.mean() > 0.03:
-        depth = distance_transform_edt(np.pad(region, 1))[1:-1, 1:-1]
-        i, j = np.nonzero(depth > depth.max() - 0.5)
-        k = np.argmin((i - i.mean()) ** 2 + (j - j.mean()) ** 2)  # the middle of the widest part
-        i, j = i[k], j[k]
-        ax.text(x[i], y[j], word, ha="center", va="center", fontsize=9, color=INK)
-
-
-def _scale_axis(set_scale, values: np.ndarray) -> None:
-    """Makes the axis logarithmic if the values have equal ratios rather than equal differences."""
-    if len(values) > 2 and np.all(values > 0):
-        ratios, steps = np.diff(np.log(values)), np.diff(values)
-        if np.ptp(ratios) < 1e-6 * abs(ratios).max() < np.ptp(steps):
-            set_scale("log")
+def _scale_axis(set_scale, limits, set_limits, values: np.ndarray) -> None:
+    """Makes an axis logarithmic if its values have equal ratios, and lets it begin at 0 if none is negative."""
+    if grid_cells.is_geometric(values):
+        set_scale("log")
+    elif np.all(values >= 0) and limits()[0] < 0:
+        set_limits(0.0, limits()[1])

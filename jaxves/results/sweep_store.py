@@ -63,6 +63,15 @@ class SweepRecord:
     computed: int = 0
     motions: np.ndarray | None = None
 
+    @property
+    def changing(self) -> np.ndarray:
+        """Which complete cases change at `t_end` so fast that their class is not final. False where this is unknown."""
+        trend = self.data.get("deformation_trend")
+        if trend is None:
+            return np.zeros(self.status.shape, bool)
+        moves = (np.abs(trend) > classes.THRESHOLD).reshape(*self.status.shape, -1).any(axis=-1)
+        return moves & (self.status == status.WORDS[status.COMPLETE])
+
     def counts(self) -> dict[str, int]:
         """Returns the number of cases by status, the most frequent first."""
         words, counts = np.unique(self.status, return_counts=True)

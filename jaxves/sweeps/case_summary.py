@@ -4,9 +4,12 @@ The time stepping is that of a run, from one saved time to the next. Everything 
 reduced as they are computed: to the last values of all diagnostics, their averages, and minima and maxima of some.
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array
 
@@ -36,6 +39,7 @@ EXTREMES = (
     "min_gap",
     "effective_viscosity",
 )
+_AT_END = ("final", "average", "trend")  # last parts of the names of what only a case has that reached its end
 
 
 class _Seen(eqx.Module):
@@ -88,7 +92,8 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
     """Runs `scene`, whose numbers may be traced, and returns arrays by name. All settings are those of `case`.
 
     - `status` (a code), `t_reached`, `steps`, `rejected`;
-    - with a field, `class` (M,), an index into `classes.NAMES`; in a constant shear flow, `motions.series`;
+    - with a field, `class` (M,), an index into `classes.NAMES`, and `deformation_trend` (M,), see `classes.trend`;
+    - in a constant shear flow, `motions.series`;
     - `NAME_final` of every diagnostic, `NAME_average`, and `NAME_min` and `NAME_max` of some;
     - with `keep`, `history/NAME` (T, …), `history/x` and `history/V_m`.
     """
@@ -136,14 +141,32 @@ def outcome(case: Case, keep: tuple[str, ...], march: AbstractMarch, scene: Scen
         "steps": state.steps,
         "rejected": state.rejected,
     }
-    if seen.classified is not None:
-        out["class"] = classes.codes_of(seen.classified)
+    out |= _classes(seen.classified, times)
     out |= motions.series(times, seen.turning, scene)
     out |= {f"{name}_final": value for name, value in seen.final.items()}
     means = {} if average is None else diagnostics.averages(state.window.means(), scene)
     kinds = {"average": means, "min": seen.least, "max": seen.greatest}
     out |= {f"{name}_{kind}": value for kind, found in kinds.items() for name, value in found.items()}
     return out | {f"history/{name}": value for name, value in history.items()}
+
+
+def _classes(series: dict[str, Array] | None, times: Array) -> dict[str, Array]:
+    """Returns the classes of the vesicles, and by how much D would still change, by name; {} without a field."""
+    if series is None:
+        return {}
+    return {"class": classes.codes_of(series), "deformation_trend": classes.trend(series, times)}
+
+
+def with_ends(found: dict[str, np.ndarray], useful: Sequence[bool]) -> dict[str, np.ndarray]:
+    """Returns the arrays of several cases with NaN for values at the end of those that are not `useful`.
+
+    Such a case did not reach its end; the numbers would be those of its breakdown.
+    """
+    ended, found = np.array(useful), dict(found)
+    for name, values in found.items():
+        if name.rpartition("_")[2] in _AT_END and "/" not in name:
+            found[name] = np.where(ended.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
+    return found
 
 
 def _kept(keep: tuple[str, ...], row: Row) -> dict[str, Array]:

@@ -32,6 +32,7 @@ from ..results.sweep_store import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, Var
 from ..results.sweep_writer import SweepWriter
 from . import motions, processes, refinement
 from .batches import METHODS, Batches
+from .case_summary import with_ends
 
 _OWN = {
     "status": Variable("1", "how the case ended", dtype="S16"),
@@ -41,6 +42,7 @@ _EXTRA = {
     "t_reached": Variable("t_kappa", "time at the end of the run"),
     "steps": Variable("1", "accepted steps", dtype="i4"),
     "rejected": Variable("1", "rejected steps", dtype="i4"),
+    "deformation_trend": Variable("1", "change of D in as much time again, at its last rate", ("vesicle",)),
 }
 _HISTORY = {
     "t": ("t_kappa", "time", ()),
@@ -48,7 +50,12 @@ _HISTORY = {
     "V_m": ("a E_inf", "transmembrane potential", ("vesicle", "node")),
     "tension": ("kappa_B/a^2", "membrane tension", ("vesicle", "node")),
 }
-_KINDS = {"final": "at the end", "average": "time average", "min": "least of all times", "max": "greatest of all times"}
+_KINDS = {
+    "final": "at the end, NaN for a case that did not reach it",
+    "average": "time average, NaN for a case that did not reach its end",
+    "min": "least of all saved times that were reached",
+    "max": "greatest of all saved times that were reached",
+}
 
 
 class _Due(NamedTuple):
@@ -107,9 +114,10 @@ def sweep(
             _check_resumable(path, plan)
         elif processes.is_first() and path.exists() and not force:
             raise StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
+        began = time.perf_counter()
         progress(0, len(plan.values) - len(plan.refused), "compiling")
         batches = Batches(source, plan.names, _devices(devices), _method(method), _count("batch", batch))
-        return _Sweep(path, plan, batches, force, resume, progress).run()
+        return _Sweep(path, plan, batches, force, resume, progress, began).run()
 
 
 def _devices(count: int | None) -> list[jax.Device]:
@@ -142,9 +150,10 @@ _INACCURATE = status.WORDS[status.INACCURATE]
 class _Sweep:
     """One call of `sweep`."""
 
-    def __init__(self, path: Path, plan: Plan, batches: Batches, force: bool, resume: bool, progress: Progress):
-        self.path, self.plan, self.batches, self.progress = path, plan, batches, progress
-        self.began = time.perf_counter()
+    def __init__(
+        self, path: Path, plan: Plan, batches: Batches, force: bool, resume: bool, progress: Progress, began: float
+    ):
+        self.path, self.plan, self.batches, self.progress, self.began = path, plan, batches, progress, began
         self.rounds = 0
         variables, sizes = _variables(batches.shapes())
         _check_room(path, variables, sizes, plan)
@@ -213,7 +222,7 @@ class _Sweep:
                     ],
                     dtype="S",
                 )
-            found = motions.reduced(found, useful)
+            found = motions.reduced(with_ends(found, useful), useful)
             writer.write(mine[place], words, due.passes, found)
             self._done += (place.stop - place.start) * jax.process_count()
             self.progress(min(self._done, total), total, what)
