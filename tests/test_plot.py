@@ -20,6 +20,7 @@ from jaxves.physics.scene import dc_field, make_scene
 from jaxves.plots import films, moments, run_plots
 
 T, N = 7, 32
+DEFORMATION = "deformation $D$\n$> 0$: long in $y$"
 FIELD = "[field]\ndirection = [0.0, 1.0]\n"
 SHEAR = '[flow]\nkind = "shear"\ncapillary_number = 10.0\n'
 
@@ -114,10 +115,46 @@ def test_snapshots_show_the_instants_at_which_the_shape_changes():
     fast = flipping()
     rows = moments.instants(fast.t, fast.x, 5)
     assert (rows[0], rows[-1]) == (0, 200)
-    assert abs(fast.diagnostics["deformation"][rows[2], 0]) < 0.02
+    assert abs(fast.diagnostics["deformation"][rows[2], 0]) < 0.05
     assert fast.diagnostics["deformation"][rows[1], 0] > 0.1 > -0.1 > fast.diagnostics["deformation"][rows[3], 0]
     panels = [ax.get_title() for ax in run_plots.snapshots(fast).axes if ax.get_title()]
-    assert len(panels) == 5 and panels[2] == r"$t = 0.6\,t_\kappa$"
+    assert len(panels) == 5
+
+
+def test_snapshots_are_spread_along_the_length_of_a_shape_and_not_crowded_in_time():
+    """Second moments grow with the square of the length, so they alone would crowd the instants where it is long."""
+    t = np.linspace(0.0, 1.0, 401)
+    theta = 2 * np.pi * np.arange(N) / N
+
+    def gaps(logarithm):
+        r = np.exp(logarithm)[:, None]
+        x = np.stack([np.cos(theta) / r, np.sin(theta) * r], axis=-1)[:, None]
+        return np.diff(t[moments.instants(t, x, 5)])
+
+    assert len(gaps(t)) == 4 and gaps(t).max() < 0.35
+    assert gaps(t**4).min() > 0.05
+
+
+def test_snapshots_explain_the_dot_and_name_the_status_of_a_run_that_ended_early():
+    broken = record()
+    broken.word = "unresolved"
+    figure = run_plots.snapshots(broken, times=[0.0, 0.6])
+    assert "material points" in figure.get_supxlabel()
+    titles = [ax.get_title() for ax in figure.axes if ax.get_title()]
+    assert titles[-1].startswith("unresolved\n") and "unresolved" not in titles[0]
+    broken.word = "complete"
+    assert "\n" not in "".join(ax.get_title() for ax in run_plots.snapshots(broken).axes)
+
+
+def test_the_sketch_of_a_flow_that_changes_says_when_it_is_drawn():
+    scene = make_scene(shapes.circle(N), flow=lambda x, t: jnp.sin(jnp.pi * t) * x[::-1] * jnp.array([1.0, -1.0]))
+    changing, steady = record(electric=False), record(electric=False)
+    changing.scene = scene
+    assert "$\\mathbf{v}_\\infty$\nat $t = 0.525\\,t_\\kappa$" in labels(run_plots.snapshots(changing))
+    steady.scene = make_scene(shapes.circle(N), flow=lambda x, t: x[::-1] * jnp.array([1.0, -1.0]))
+    assert "$\\mathbf{v}_\\infty$" in labels(run_plots.snapshots(steady))
+    text = SHEAR + "[flow.time]\nkind = 'cosine'\nangular_frequency = 1.0\n"
+    assert "$\\mathbf{v}_\\infty$$(t)$" in labels(run_plots.snapshots(record(text=text)))
 
 
 def test_snapshots_of_what_hardly_changes_are_spread_evenly_in_time():
@@ -144,7 +181,7 @@ def test_snapshots_follow_two_vesicles_that_move_apart_without_changing_shape():
 def test_a_history_shows_the_inclination_in_degrees_and_only_where_there_is_one():
     """A jump by a right angle through a circle is no motion: no panel by default, a gap when asked for."""
     jumping = flipping()
-    assert [ax.get_ylabel() for ax in run_plots.history(jumping).axes] == ["$D$"]
+    assert [ax.get_ylabel() for ax in run_plots.history(jumping).axes] == [DEFORMATION]
     asked = run_plots.history(jumping, ["inclination_unwrapped"]).axes[0]
     drawn = asked.lines[0].get_ydata()
     assert asked.get_ylabel() == r"$\theta$ (degrees)"
@@ -208,7 +245,7 @@ def test_a_history_has_one_line_per_vesicle_and_component():
 
 
 def test_a_history_by_default_shows_what_is_there():
-    assert [ax.get_ylabel() for ax in run_plots.history(record()).axes] == ["$D$"]
+    assert [ax.get_ylabel() for ax in run_plots.history(record()).axes] == [DEFORMATION]
     with pytest.raises(ValueError, match="deformation, inclination, stress"):
         run_plots.history(record(), ["min_gap"])
 

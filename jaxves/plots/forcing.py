@@ -9,17 +9,22 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from ..physics.scene import Scene
-from .style import INK
+from .style import INK, time_label
 
 _GRADIENTS = {"shear": ((0, 1), (0, 0)), "extension": ((1, 0), (0, -1))}
+_STEADY = 1e-9  # relative change of a flow that counts as none
 PLACES = 0.6 * np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
 
 
 class Forcing(NamedTuple):
-    """The direction of the field, and the velocity of the flow at `PLACES` up to a factor; None if absent."""
+    """The direction of the field, and the velocity of the flow at `PLACES` up to a factor; None if absent.
+
+    `when` is what the label of a flow that changes in time says of it.
+    """
 
     direction: Float[np.ndarray, "2"] | None
     velocity: Float[np.ndarray, "9 2"] | None
+    when: str = ""
 
     def is_absent(self) -> bool:
         """Returns whether there is neither a field nor a flow."""
@@ -43,11 +48,13 @@ def _of_scene(scene: Scene, t: np.ndarray) -> Forcing:
     times = np.linspace(0.0, np.nanmax(t), 9)
     places = jnp.asarray(PLACES)[None]
     velocities = np.stack([np.asarray(scene.flow.velocity(places, jnp.asarray(at))[0]) for at in times])
-    return Forcing(direction, velocities[np.argmax(np.abs(velocities).max(axis=(1, 2)))])
+    strongest = np.argmax(np.abs(velocities).max(axis=(1, 2)))
+    changes = np.ptp(velocities, axis=0).max() > _STEADY * np.abs(velocities).max()
+    return Forcing(direction, velocities[strongest], f"\nat {time_label(times[strongest])}" if changes else "")
 
 
 def _of_tables(tables: dict) -> Forcing:
-    direction, velocity = None, None
+    direction, velocity, when = None, None, ""
     if "direction" in tables.get("field", {}):  # a field of Python that is not uniform has none
         direction = np.array(tables["field"]["direction"], dtype=float)
     if "flow" in tables:
@@ -58,7 +65,9 @@ def _of_tables(tables: dict) -> Forcing:
         else:
             gradient = np.array(flow["gradient"] if flow["kind"] == "linear" else _GRADIENTS[flow["kind"]], dtype=float)
             velocity = sign * PLACES @ gradient.T
-    return Forcing(direction, velocity)
+        if flow.get("time", {}).get("kind", "constant") != "constant":
+            when = r"$(t)$"  # a factor of time, which the sketch does not have
+    return Forcing(direction, velocity, when)
 
 
 def draw_forcing(ax: Axes, forcing: Forcing) -> None:
@@ -80,4 +89,5 @@ def draw_forcing(ax: Axes, forcing: Forcing) -> None:
             *PLACES.T + np.array([[0.0], [center]]), *arrows.T, color=INK, angles="xy", scale_units="xy",
             scale=1.2, pivot="mid", units="xy", width=0.08,
         )  # fmt: skip
-        ax.annotate(r"$\mathbf{v}_\infty$", (0.0, center - 0.75), (0, -5), **text)
+        label = r"$\mathbf{v}_\infty$" + forcing.when
+        ax.annotate(label, (0.0, center - 0.95), (0, 1), **text | {"va": "top"})

@@ -17,6 +17,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from ..base import status
 from ..numerics import fourier
 from . import moments
 from .forcing import Forcing, draw_forcing, forcing_of
@@ -24,6 +25,8 @@ from .style import COLUMN, INK, PAGE, STYLE, SYMBOLS, component_label, quantity_
 from .windows import Into, aspect, coloring, figure_of, given_axes, window_of
 
 _ANGLES = ("inclination", "inclination_unwrapped")
+_SIGNS = {"deformation": "$> 0$: long in $y$", "deformation_along_field": r"$> 0$: along $\mathbf{E}_\infty$"}
+_DOT = "Dots are material points of the membranes."
 _COLUMNS = 6  # snapshots beside each other
 _HISTORY = ("deformation", "inclination_unwrapped", "effective_viscosity", "max_V_m", "min_gap")
 
@@ -62,10 +65,10 @@ def snapshots(
     """Draws the shapes side by side at several saved times.
 
     These are the saved times nearest to `times`. Without `times` they are up to `count` times that show how the shapes
-    change: the first, the last, and others spread evenly along the change of shapes and positions. A short transition
-    is therefore drawn, and a long rest is not drawn twice. If hardly anything changes, they are spread evenly in time.
-    `color` is "V_m" (the default with a field) or "tension". All panels have the same scales. A dot marks a material
-    point of each membrane, so that tank-treading can be seen.
+    change: the first, the last, and others spread evenly along the change of shapes and positions and, less, in time.
+    A short transition is therefore drawn, and a long rest is not drawn twice. `color` is "V_m" (the default with a
+    field) or "tension". All panels have the same scales. A dot marks a material point of each membrane, so that
+    tank-treading can be seen. If the run did not reach its end, its status is above the last time.
 
     With `ax`, there is one panel for each of these axes. One axes shows the last saved time, or all of `times`.
 
@@ -90,16 +93,25 @@ def snapshots(
     for panel, row in zip(panels, rows, strict=True):
         membranes(panel, x[row], values[row], colors)
         panel.plot(*x[row, :, 0].T, "o", color=INK, markersize=2.5, zorder=4)
-        panel.set(xlim=window[:2], ylim=window[2:], title=time_label(t[row]))
+        panel.set(xlim=window[:2], ylim=window[2:], title=_early_end(record, row) + time_label(t[row]))
         panel.set_axis_off()
     bar = np.mean(window[:2]) + np.array([-0.5, 0.5])
     panels[0].plot(bar, [window[2] + 0.05] * 2, color=INK, linewidth=1.5, solid_capstyle="butt")
     panels[0].annotate("$a$", (bar[1], window[2] + 0.05), (3, 0), textcoords="offset points", va="center")
     figure, lines = figure_of(panels[0]), -(-len(rows) // _COLUMNS) if given is None else 1
+    if given is None:
+        figure.supxlabel(_DOT, fontsize="small")
     figure.colorbar(
         colors, ax=list(dict.fromkeys(panels)), label=SYMBOLS[color], shrink=0.8, aspect=18 * lines, pad=0.02
     )
     return figure
+
+
+def _early_end(record, row: int) -> str:
+    """Returns a line with the status of a run that did not reach its end, for its last saved time; otherwise ""."""
+    word = getattr(record, "word", "complete")
+    last = np.flatnonzero(np.isfinite(np.asarray(record.t)))[-1]
+    return f"{word}\n" if row == last and word not in status.SUCCESS else ""
 
 
 def _rows(t: np.ndarray, x: np.ndarray, times: Sequence[float] | None, count: int) -> list[int]:
@@ -114,7 +126,7 @@ def _snapshot_panels(count: int, window: Float[np.ndarray, "4"], forcing: Forcin
     columns, forced = min(count, _COLUMNS), int(not forcing.is_absent())
     lines = -(-count // columns)
     widths = [0.5] * forced + [1.0] * columns
-    height = (PAGE - 0.7) / sum(widths) * aspect(window) + 0.25
+    height = (PAGE - 0.7) / sum(widths) * aspect(window) + 0.4
     figure = Figure(figsize=(PAGE, lines * min(height, 4.0)))
     grid = figure.add_gridspec(lines, len(widths), width_ratios=widths)
     if forced:
@@ -171,4 +183,4 @@ def _curves(record, name: str) -> tuple[np.ndarray, str]:
     values = np.asarray(record.diagnostics[name])
     if name in _ANGLES:
         return moments.drawn_angle(np.asarray(record.x), values), f"{SYMBOLS[name]} (degrees)"
-    return values, quantity_label(name)
+    return values, "\n".join([quantity_label(name), *([_SIGNS[name]] if name in _SIGNS else [])])

@@ -37,8 +37,8 @@ _UNSIGNED = ListedColormap(colormaps["viridis"](np.linspace(0, 0.9, 256)))  # it
 SYMBOLS = {
     "V_m": r"$V_m\ (E_\infty a)$",
     "tension": r"$\lambda\ (\kappa_B/a^2)$",
-    "deformation": r"$D$",
-    "deformation_along_field": r"$D_E$",
+    "deformation": r"deformation $D$",
+    "deformation_along_field": r"deformation $D_E$",
     "inclination": r"$\theta$",
     "inclination_unwrapped": r"$\theta$",
     "effective_viscosity": r"$[\mu]$",
