@@ -47,6 +47,12 @@ def observed(**changed):
     return Observations(**(values | changed))
 
 
+def swept(**conditions):
+    return observed(
+        seen={"deformation": np.zeros((2, 1, 1))}, conditions={f"field.{name}": c for name, c in conditions.items()}
+    )
+
+
 def fitted(bounds, **changed):
     return fit.fit(changed.pop("scene", case()), bounds, changed.pop("observations", observed()), **changed)
 
@@ -242,6 +248,20 @@ WRONG = {
     "seen as NaN": (
         lambda: fitted({"field.beta": (1.0, 4.0)}, observations=observed(seen={"deformation": np.full((2, 1), NAN)})),
         "observations.seen.*deformation",
+    ),
+    "conditions of two lengths": (
+        lambda: fitted({"field.beta": (1.0, 4.0)}, observations=swept(chi=[0.1, 0.2], beta=[1.0])),
+        "observations.conditions: shapes",
+    ),
+    "conditions for three runs with two": (
+        lambda: fitted({"field.beta": (1.0, 4.0)}, observations=swept(chi=[0.1, 0.2, 0.3])),
+        r"deformation has shape \(2, 1, 1\), expected \(3, T, ...\)",
+    ),
+    "a condition that no scene may have": (
+        lambda: fitted({"field.beta": (1.0, 4.0)}, observations=swept(chi=[0.1, -0.2])), "field.chi = -0.2",
+    ),
+    "a condition that is an unknown": (
+        lambda: fitted({"field.beta": (1.0, 4.0)}, observations=swept(beta=[1.0, 2.0])), "field.beta is an unknown too",
     ),
     "no starts": (lambda: fitted({"field.beta": (1.0, 4.0)}, starts=0), "starts = 0"),
     "a fit with an early end": (

@@ -8,6 +8,9 @@ paraboloid has a long axis, the observations do not determine the numbers separa
 
     observed = {"deformation_along_field": D}, any diagnostics (T, …) at t_end k/T, k = 1 … T, and "radii" (T, M, K)
 
+Several runs with different numbers, such as frequencies, are fitted together (`Observations.conditions`). The unknowns
+are numbers of the scene, or others from which these follow, such as the capacitance of the membrane in F/m².
+
 `fit_frames` takes the outlines of a film from a microscope.
 """
 
@@ -26,14 +29,15 @@ from ..base.arguments import require_count
 from ..base.progress import Progress, silent
 from ..geometry.frames import Frames
 from ..inputs.parameters import check_numbers
+from ..inputs.parameters import numbers as read_numbers
 from ..inputs.scene_files import Readable, read_scene
 from ..numerics.arrays import ScalarLike, as_float
 from ..stepping.march import AbstractMarch
 from . import boxes
 from .descent import descent, require_optimiser
-from .intervals import LOOSE, judged
+from .intervals import judged
 from .kept_starts import fingerprint, keep, resumed
-from .observations import Model, Observations
+from .observations import Model, Observations, Translation
 from .search import Start, Target, linearised, starting_points, trust_region
 
 
@@ -71,6 +75,7 @@ def fit(
     observations: Observations,
     *,
     starts: int | Sequence[Mapping[str, float]] = 3,
+    numbers: Translation | None = None,
     march: AbstractMarch | None = None,
     tolerance: float = 1e-5,
     max_steps: int = 100,
@@ -78,25 +83,25 @@ def fit(
     checkpoint: str | Path | None = None,
     progress: Progress = silent,
 ) -> Fit:
-    """Returns the numbers named in `bounds` with which the scene agrees best with `observations`.
+    """Returns the unknowns named in `bounds` with which the scene agrees best with `observations`.
 
     Args:
         scene_file: the scene that was observed: read, or as a path, a built-in name or tables.
-        bounds: (lower, upper) for each number to be found, by its name, such as "field.beta".
+        bounds: (lower, upper) for each unknown, by its name, such as "field.beta" (or a name that `numbers` takes).
         observations: what was observed.
-        starts: how many searches to make: from the scene's own numbers, and from more points within the bounds. Or the
-            points themselves, each with a value for every number.
+        starts: how many searches to make: from the scene's own numbers (with `numbers` from the middle of the bounds)
+            and from more points within the bounds. Or the points themselves, each with a value for every unknown.
+        numbers: a function of the unknowns, by name, that returns numbers of the scene, by name. JAX must be able to
+            trace it, as it can trace `LabQuantities`. The unknowns may then have names and units of your own.
         march: how runs advance in time; what the scene file says if None.
         tolerance: a search ends when χ² changes by less than this, relative to χ².
         max_steps: the largest number of runs in one search.
         method: None for the trust region, which is the better choice for a few unknowns. Or an optimiser of Optax, such
-            as `optax.adam(0.1)`. It works in the logarithm of a number whose bounds are positive, and else in the
-            fraction of the bounds, so that a learning rate of 0.1 means steps of about 10 % at first. It needs more
-            steps than the trust region, usually a few hundred. An optimiser with a line search is refused.
-        checkpoint: a file (JSON) that keeps every start once it is done. When `fit` is called again with the same
-            arguments, these starts are not searched again.
-        progress: called after each run and each start, with the number of starts that are done, of all starts, and a
-            text with χ².
+            as `optax.adam(0.1)`, which needs a few hundred steps. It works in the logarithm of a number whose bounds
+            are positive, and else in the fraction of the bounds, so that a learning rate of 0.1 means steps of about
+            10 % at first. An optimiser with a line search is refused.
+        checkpoint: a file (JSON) of the starts that are done. A call with the same arguments continues from it.
+        progress: called after each run and each start, with the number of starts done, of all, and a text with χ².
 
     Raises:
         ValueError: bounds, observations or `method` cannot be used, every start broke down, or the checkpoint belongs
@@ -105,26 +110,49 @@ def fit(
     """
     scene_file = read_scene(scene_file)
     inside = boxes.boxes(bounds)
-    model = Model.of(scene_file, observations, march)
-    for name, box in inside.items():
-        for share in (1e-6, 1 - 1e-6):  # the ends themselves are never tried
-            check_numbers(scene_file, {name: box.lower + share * (box.upper - box.lower)})
+    model = Model.of(scene_file, observations, march, numbers)
+    tried = [_checked(model, inside, name, share) for name in inside for share in (1e-6, 1 - 1e-6)]
     if isinstance(starts, int):
         require_count("starts", starts)
+        own = read_numbers(scene_file) if numbers is None else _middle(inside)
+        starts = starting_points(inside, own, starts)
     if method is not None:
         require_optimiser("method", method)
     search = trust_region if method is None else functools.partial(descent, method=method)
     target = Target.of(model, inside, observations)
-    points = starting_points(inside, scene_file, starts) if isinstance(starts, int) else starts
-    mark = fingerprint(scene_file, inside, observations, model.march, tolerance, method)
+    mark = fingerprint(scene_file, inside, observations, model.march, tolerance, method, tried)
     done = resumed(checkpoint, mark)
-    for i, point in enumerate(points):
+    for i, point in enumerate(starts):
         if i >= len(done):
-            told = functools.partial(_tell, progress, i, len(points))
+            told = functools.partial(_tell, progress, i, len(starts))
             done.append(search(point, target, tolerance, max_steps, told))
             keep(checkpoint, mark, done)
-        progress(i + 1, len(points), f"start {i + 1} of {len(points)} is done: χ² = {done[i].chi2:.6g}")
-    return _judged(tuple(done[: len(points)]), target)
+        progress(i + 1, len(starts), f"start {i + 1} of {len(starts)} is done: χ² = {done[i].chi2:.6g}")
+    return _judged(tuple(done[: len(starts)]), target)
+
+
+def _middle(inside: Mapping[str, boxes.Box]) -> dict[str, float]:
+    """Returns the point in the middle of all boxes, in the coordinates of the search."""
+    middle = as_float([sum(box.ends()) / 2 for box in inside.values()])
+    return {name: float(value) for name, value in boxes.to_values(middle, inside).items()}
+
+
+def _checked(model: Model, inside: Mapping[str, boxes.Box], name: str, share: float) -> dict[str, float]:
+    """Returns the numbers of the scene with one unknown near an end of its bounds, which is never tried itself.
+
+    Raises:
+        SceneError: they are no numbers that the scene may have.
+        ValueError: `numbers` gives a number in which the observed runs differ.
+    """
+    box = inside[name]
+    found = {name: box.lower + share * (box.upper - box.lower)}
+    if model.numbers is not None:
+        found = {name: float(value) for name, value in model.numbers(_middle(inside) | found).items()}
+    for name in model.conditions or ():
+        if name in found:
+            raise ValueError(f"observations.conditions: {name} is an unknown too, expected it in one of both.")
+    check_numbers(model.scene_file, found)
+    return found
 
 
 def _tell(progress: Progress, start: int, starts: int, run: int, chi2: float) -> None:
@@ -179,11 +207,11 @@ def _judged(starts: tuple[Start, ...], target: Target) -> Fit:
     best = min(finite, key=lambda start: start.chi2)
     r, jacobian = linearised(as_float(boxes.to_coordinates(best.ended, inside)), target)
     to_value = boxes.slopes(best.ended, inside)
-    sizes, covariance, loose, determined = judged(np.array(jacobian), inside)
+    sizes, undetermined, covariance, loose, determined = judged(np.array(jacobian), inside)
     intervals: dict[str, tuple[float, float] | None] = {}
-    for (name, box), size, scale in zip(inside.items(), sizes, to_value, strict=True):
+    for (name, box), size, unknown, scale in zip(inside.items(), sizes, undetermined, to_value, strict=True):
         value, both = best.ended[name], np.array([-size, size])
         low, high = value * np.exp(np.clip(both, -600, 600)) if box.positive else value + scale * both
-        intervals[name] = (float(low), float(high)) if size <= LOOSE else None
+        intervals[name] = None if unknown else (float(low), float(high))
     covariance = to_value[:, None] * covariance * to_value
     return Fit(best.ended, intervals, covariance, best.chi2, r.size, loose, determined, starts)

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax
@@ -26,9 +26,16 @@ def fingerprint(
     march: AbstractMarch,
     tolerance: float,
     method: optax.GradientTransformation | None,
+    tried: Sequence[Mapping[str, float]],
 ) -> str:
-    """Returns a hash of everything that determines the end of a search from a given start."""
+    """Returns a hash of everything that determines the end of a search from a given start.
+
+    `tried` are the numbers of the scene at some points. They stand for a function of the caller.
+    """
     text = [to_toml(scene_file), repr(sorted(inside.items())), repr(march), repr(tolerance), repr(observations.t_end)]
+    text += [repr(sorted(point.items())) for point in tried]
+    for name, values in sorted((observations.conditions or {}).items()):
+        text += [name, repr(np.asarray(values).tolist())]
     for name in sorted(observations.seen):
         text += [name, repr(np.asarray(observations.seen[name]).tolist()), repr(float(observations.deviation[name]))]
     if observations.gauge is not None:

@@ -2,10 +2,13 @@
 
 observed = {"deformation_along_field": D}, any diagnostics (T, …) at t_end k/T, k = 1 … T, and "radii" (T, M, K)
 
+Several runs that differ in some numbers of the scene, such as a sweep of the frequency, are observed together. Their
+`conditions` have these numbers, and every quantity has a leading axis for the runs.
+
 The outlines of a film are observed as "outline" (F, q), by the gauge that compares them with shapes (`film_gauge`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -20,6 +23,7 @@ from ..base.bounds import POSITIVE
 from ..geometry import curve as geometry
 from ..geometry.curve import Curve
 from ..geometry.frames import Frames
+from ..inputs.parameters import check_numbers
 from ..inputs.scene_tables import SceneFile
 from ..inputs.uses import FIT
 from ..numerics import fourier
@@ -33,12 +37,16 @@ class Observations(NamedTuple):
     """Observed quantities by name, at T equally spaced times up to `t_end`, and their standard deviations.
 
     The times are t_end k/T for k = 1 … T, so t = 0 is not among them. Diagnostics of vesicles have the shape (T, M).
+
+    With `conditions` = {"field.time.frequency": f}, f of shape (C,), there are C runs with these numbers, and the
+    quantities have shape (C, T, ...).
     """
 
     t_end: float
-    seen: dict[str, Float[np.ndarray, "T ..."]]
+    seen: dict[str, Float[np.ndarray, "..."]]
     deviation: dict[str, float]
     gauge: Gauge | None = None  # of "outline"
+    conditions: Mapping[str, Sequence[float]] | None = None
 
     @classmethod
     def of_frames(cls, frames: Frames, time_unit: ScalarLike) -> "Observations":
@@ -64,8 +72,14 @@ def radii(x: VesiclePoints, K: int) -> Float[Array, "M K"]:
     return jax.vmap(one)(x)
 
 
+Translation = Callable[[Mapping[str, Array]], Mapping[str, ScalarLike]]
+
+
 class Model(eqx.Module):
-    """A function from numbers of the scene to the observed quantities at the observed times."""
+    """A function from the unknowns to the observed quantities at the observed times.
+
+    The unknowns are numbers of the scene, or what `numbers` translates into numbers of the scene.
+    """
 
     scene_file: SceneFile = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
@@ -74,9 +88,17 @@ class Model(eqx.Module):
     t_end: float = eqx.field(static=True)
     march: AbstractMarch
     gauge: Gauge | None = None
+    conditions: dict[str, Float[Array, "C"]] | None = None
+    numbers: Translation | None = eqx.field(static=True, default=None)
 
     @classmethod
-    def of(cls, scene_file: SceneFile, observations: Observations, march: AbstractMarch | None = None) -> "Model":
+    def of(
+        cls,
+        scene_file: SceneFile,
+        observations: Observations,
+        march: AbstractMarch | None = None,
+        numbers: Translation | None = None,
+    ) -> "Model":
         """Returns the model of a scene for these observations.
 
         Raises:
@@ -84,7 +106,9 @@ class Model(eqx.Module):
             SceneError: the scene has a key that no fit can honour.
         """
         require("observations.t_end", observations.t_end, POSITIVE)
-        counts = {len(values) for name, values in observations.seen.items() if name != "outline"}
+        conditions = _conditions(scene_file, observations)
+        seen = {name: values for name, values in observations.seen.items() if name != "outline"}
+        counts = {len(values if conditions is None else values[0]) for values in seen.values()}
         if observations.gauge is not None:
             counts.add(observations.gauge.saves)
         if len(counts) != 1 or 0 in counts:
@@ -108,10 +132,22 @@ class Model(eqx.Module):
             observations.t_end,
             march,
             observations.gauge,
+            conditions,
+            numbers,
         )
 
-    def __call__(self, values: Mapping[str, Array]) -> dict[str, Float[Array, "T ..."]]:
-        """Returns the observed quantities (T, ...) by name; NaN if the run does not reach its end."""
+    def __call__(self, values: Mapping[str, Array]) -> dict[str, Float[Array, "..."]]:
+        """Returns the observed quantities (T, ...) by name, (C, T, ...) of several runs; NaN where a run breaks down.
+
+        The runs are computed side by side by one program.
+        """
+        if self.numbers is not None:
+            values = self.numbers(values)
+        if self.conditions is None:
+            return self._of_run(values)
+        return jax.vmap(lambda own: self._of_run({**values, **own}))(self.conditions)
+
+    def _of_run(self, values: Mapping[str, ScalarLike]) -> dict[str, Float[Array, "T ..."]]:
         result = Case(self.scene_file).simulate(values, t_end=self.t_end, saves=self.saves, march=self.march)
         complete = result.status == status.COMPLETE
         found = {name: jnp.where(complete, value, jnp.nan) for name, value in result.diagnostics.items()}
@@ -126,12 +162,33 @@ class Model(eqx.Module):
         return {name: found[name] for name in self.names}
 
 
+def _conditions(scene_file: SceneFile, observations: Observations) -> dict[str, Float[Array, "C"]] | None:
+    """Returns the numbers in which the runs differ as arrays (C,), None for a single run. Refuses what does not fit."""
+    if observations.conditions is None:
+        return None
+    found = {name: np.asarray(values, dtype=float) for name, values in observations.conditions.items()}
+    shapes = {values.shape for values in found.values()}
+    if len(shapes) != 1 or len(*shapes) != 1 or shapes == {(0,)}:
+        raise ValueError(f"observations.conditions: shapes {sorted(shapes)}, expected (C,), one number for each run.")
+    if observations.gauge is not None:
+        raise ValueError("observations.conditions: expected none with the outlines of a film, which is one run.")
+    ((count,),) = shapes
+    for name, values in observations.seen.items():
+        if np.ndim(values) < 2 or len(values) != count:
+            raise ValueError(
+                f"observations.seen: {name} has shape {np.shape(values)}, expected ({count}, T, ...) for {count} runs."
+            )
+    for run in range(count):
+        check_numbers(scene_file, {name: float(values[run]) for name, values in found.items()})
+    return {name: as_float(values) for name, values in found.items()}
+
+
 @eqx.filter_jit
 def _shown(model: Model, values):
     return model(values)
 
 
-def shown(model: Model, values: Mapping[str, float]) -> dict[str, Float[np.ndarray, "T ..."]]:
-    """Returns what the model computes from these numbers, for synthetic observations or for plots."""
+def shown(model: Model, values: Mapping[str, float]) -> dict[str, Float[np.ndarray, "..."]]:
+    """Returns what the model computes from these unknowns, for synthetic observations or for plots."""
     found = _shown(model, {name: as_float(value) for name, value in values.items()})
     return {name: np.asarray(history) for name, history in found.items()}

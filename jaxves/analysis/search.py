@@ -16,8 +16,6 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
-from ..inputs.parameters import numbers
-from ..inputs.scene_tables import SceneFile
 from ..numerics.arrays import as_float
 from . import boxes
 from .boxes import Box
@@ -66,10 +64,9 @@ def linearised(c: Float[Array, "P"], target: Target) -> tuple[Float[Array, "R"],
 
 
 def starting_points(
-    inside: Mapping[str, Box], scene_file: SceneFile, count: int, seed: int = 0
+    inside: Mapping[str, Box], own: Mapping[str, float], count: int, seed: int = 0
 ) -> list[dict[str, float]]:
-    """Returns the scene's own numbers, then `count` - 1 more points spread over the boxes (Sobol sequence)."""
-    own = numbers(scene_file)
+    """Returns the point `own`, then `count` - 1 more points spread over the boxes (Sobol sequence)."""
     points = [{name: own[name] for name in inside}]
     if count > 1:
         spread = 0.1 + 0.8 * qmc.Sobol(len(inside), seed=seed).random(1 << (count - 2).bit_length())[: count - 1]
