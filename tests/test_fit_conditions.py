@@ -1,8 +1,12 @@
 """Fits to several runs that differ in a number of the scene, with unknowns that are no numbers of the scene."""
 
+import json
+
 import numpy as np
 import pytest
 
+from experiments import charge_fit
+from experiments._common import HERE
 from jaxves.analysis import boxes, fit, intervals
 from jaxves.analysis.observations import Model, Observations, shown
 from jaxves.inputs.checking import SceneError
