@@ -8,7 +8,9 @@ import numpy as np
 from experiments import ac_phases
 from experiments._common import HERE
 
-FOUND = json.loads((HERE / "data" / "ac_phases.json").read_text())["data"]
+FOUND, DEFLATED = (
+    json.loads((HERE / "data" / f"ac_phases{variant}.json").read_text())["data"] for variant in ("", "_deflated")
+)
 
 
 def test_tilted_vesicles_are_oblate_exactly_between_the_critical_frequencies_of_a_circle():
@@ -38,3 +40,15 @@ def test_runs_that_resolve_the_field_breathe_about_the_first_frequency():
     words = {(case["ratio"], case["over first"]): case["class"] for case in FOUND["resolved"]}
     assert {words[0.4, share] for share in (0.5, 0.8, 1.25)} == {"breathing"}
     assert words[0.4, 3.0] == "O" and words[2.0, 1.0] == "P"
+
+
+def test_deflated_vesicles_are_oblate_between_both_frequencies_if_the_load_is_strong_and_prolate_for_large_ratios():
+    agreement = ac_phases.agreement(DEFLATED)
+    assert agreement == DEFLATED["agreement"]
+    right, total = agreement["tilted, ε = 1"]
+    assert right == total >= 30
+    for part in DEFLATED["averaged"].values():
+        D, words = np.array(part["deformation"])[:, -1], np.array(part["status"])[:, -1]
+        assert DEFLATED["ratio"][-1] == 2.0 and np.all(D[np.isin(words, ["complete", "steady"])] > 0)
+    (case,) = DEFLATED["resolved"]
+    assert case["class"] == "O" and case["deformation_period_mean"] < -0.3
