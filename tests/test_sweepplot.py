@@ -72,13 +72,13 @@ def test_what_refinement_left_out_has_the_colour_of_its_surroundings_and_what_fa
     assert [text.get_text() for text in ax.figure.legends[0].get_texts()] == ["P", "O", "no result"]
 
 
-def test_a_case_that_is_still_changing_at_the_end_has_a_circle():
+def test_a_case_that_is_still_changing_at_the_end_has_a_diamond():
     trend = np.zeros((5, 4, 1))
     trend[2, 1] = -0.02
     found = record(BETA, CONDUCTANCE, data={"deformation_trend": trend})
     figure = phase_diagram(found)
-    (circles,) = [line for line in figure.axes[0].lines if line.get_marker() == "o" and len(line.get_xdata())]
-    np.testing.assert_allclose(circles.get_xydata(), [[3.0, 7 / 3]])
+    (diamonds,) = [line for line in figure.axes[0].lines if line.get_marker() == "D"]
+    np.testing.assert_allclose(diamonds.get_xydata(), [[3.0, 7 / 3]])
     assert "still changing" in [text.get_text() for text in figure.legends[0].get_texts()]
     assert any("1 of the complete cases are still changing at t_end" in str(part) for part in summary(found, Path("a")))
     found.status[2, 1] = "steady"

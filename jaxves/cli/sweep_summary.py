@@ -46,7 +46,7 @@ def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
     elif who := writer_of(path):
         yield f"{path}: sweep running so far, written by {who}; {what}"
     else:
-        yield f"{path}: sweep cut off; {what}. Continue it with --resume."
+        yield f"{path}: sweep cut off (its attribute `status` is still 'running'); {what}. Continue it with --resume."
     yield "cases: " + ", ".join(f"{count} {word}" for word, count in record.counts().items())
     for what, found in (("classes", record.classes), ("motions in shear", record.motions)):
         if found is not None:

@@ -77,7 +77,7 @@ class _Cells(NamedTuple):
 def phase_diagram(record: SweepRecord, *, ax: Into = None) -> Figure:
     """Draws the classes over the last two axes with the boundaries between them; samples are drawn as points.
 
-    A circle marks a case that is still changing at `t_end`, so that its class may be another one later.
+    An open diamond marks a case that is still changing at `t_end`, so that its class may be another one later.
 
     Raises:
         ValueError: the sweep has no classes, or fewer than two numbers vary.
@@ -114,7 +114,7 @@ def phase_diagram(record: SweepRecord, *, ax: Into = None) -> Figure:
     return figure
 
 
-_CHANGING = {"marker": "o", "linestyle": "none", "color": INK, "markersize": 3, "markerfacecolor": "none",
+_CHANGING = {"marker": "D", "linestyle": "none", "color": INK, "markersize": 3, "markerfacecolor": "none",
              "markeredgewidth": 0.6, "clip_on": False}  # fmt: skip
 
 
