@@ -31,17 +31,23 @@ from . import of_averaging, of_cell_stress, of_charge, of_field, of_membranes, o
 from .classes import DEFORMATION
 from .of_membranes import tank_treading_speed
 from .of_suspension import has_stress, stress
-from .registry import GROUPS, Instant
+from .registry import GROUPS, Group, Instant
 
-# Their functions are called in this order.
+# Their functions are called in this order, and those of one file in its order. Functions of other files come last.
 FILES = (of_membranes, of_field, of_charge, of_averaging, of_suspension, of_cell_stress)
+_PLACES = {file.__name__: place for place, file in enumerate(FILES)}
+
+
+def groups() -> list[Group]:
+    """Returns all registered functions in the order in which they are called."""
+    return sorted(GROUPS, key=lambda group: _PLACES.get(group.formula.__module__, len(FILES)))
 
 
 def diagnose(equation: Equation, t: Array, y: Unknowns, motion: Motion) -> dict[str, Array]:
     """Returns all diagnostics of this scene by name, except those that need earlier times."""
     instant = Instant(equation, t, y, motion)
     out: dict[str, Array] = {}
-    for group in GROUPS:
+    for group in groups():
         if group.needed(equation.scene):
             out |= group.formula(instant, out)
     return out

@@ -47,7 +47,7 @@ GROUPS: list[Group] = []
 def gives(*names: str, needed: Callable[[Scene], bool] = lambda scene: True) -> Callable[[Formula], Formula]:
     """Registers a function as the one that computes the quantities `names` of the scenes for which `needed` is true.
 
-    Functions are called in the order in which they were registered.
+    `diagnostics.groups` has the order in which functions are called.
 
     Raises:
         ValueError: a name is not in `quantities.QUANTITIES`, or another function gives it.
