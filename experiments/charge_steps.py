@@ -1,12 +1,13 @@
 r"""Do time steps keep their order when charge relaxes fast, and what do charge and AC fields cost?
 
-    python -m experiments.charge_steps      # tables and figure, about four minutes
+    python -m experiments.charge_steps      # tables and figure, about nine minutes
 
 One vesicle, Δ = 0.9, β = 6.4, Λ = 0.3, χ = 0.08, tilted by 60 degrees. Runs to t = 0.04 with equal steps of ARK4 and 64
 nodes are compared with one of 512 steps, at δ = 1e-1 … 1e-5. One start is uncharged, so that charge relaxes at once
 within the first step. The other has the charge of V_m = 0 in equilibrium. Then steps are timed with charge relaxation,
-without it, and with an averaged AC field. Last, an adaptive run to t = 2 in an AC field of ω = 1e3 is timed averaged
-and resolved.
+without it, and with an averaged AC field. Last, adaptive runs to t = 2 in an AC field are timed, averaged and resolved,
+at ω = 1e3 and 1e4 with several tolerances. Their errors are those against a resolved run with tolerance 1e-6. At ω =
+1e4 the resolved runs end at t = 0.2, and their times are multiplied by ten.
 
 What to expect: order 4 for slowly relaxing charge and for charge in equilibrium. Where the first steps do not resolve
 the relaxation of an uncharged start, its error remains.
@@ -32,7 +33,10 @@ CHI = 0.08
 DELTAS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 STARTS = ("uncharged", "in equilibrium")
 COUNTS, EXACT = (8, 16, 32, 64, 128), 512
-QUICK = dict(deltas=(1e-2,), counts=(2, 4), exact=8, nodes=16, timed=(16,), repeats=1, omega=200.0, t_end=0.05)
+TOLERANCES = dict(averaged=(1e-3, 1e-4, 1e-5), resolved=(1e-2, 1e-3, 1e-4, 1e-5), exact=1e-6)
+FIELDS = (dict(omega=1e3, t_end=2.0, until=2.0) | TOLERANCES, dict(omega=1e4, t_end=2.0, until=0.2) | TOLERANCES)
+TOY = dict(omega=200.0, t_end=0.02, until=0.01, averaged=(1e-2,), resolved=(1e-2,), exact=1e-3)
+QUICK = dict(deltas=(1e-2,), counts=(2, 4), exact=8, nodes=16, timed=(16,), repeats=1, fields=(TOY,))
 
 
 def scene(nodes, *, delta=None, history=None, V_m=None) -> jaxves.Scene:
@@ -94,34 +98,48 @@ def costs(timed, repeats) -> dict:
     return found
 
 
-def adaptive(omega, nodes, t_end) -> dict:
-    """Returns steps, seconds and ends of an averaged and of a resolved run in an AC field."""
-    found, ends = {}, {}
-    march = Adaptive(1e-4, recorded=None)
-    for name, averaged in (("averaged", True), ("resolved", False)):
-        given = scene(nodes, delta=7e-3, history=jaxves.AC(omega / (2 * np.pi), averaged=averaged))
+def beside(omega, nodes, t_end, until, averaged, resolved, exact) -> dict:
+    """Returns steps, seconds and errors of averaged and resolved runs in an AC field by tolerance.
 
-        def call(given=given):
-            result = jaxves.simulate(given, t_end, saves=4, march=march)
-            return jax.block_until_ready(result)
+    The errors are the largest distances of nodes at the time `until` from a resolved run with the tolerance `exact`.
+    Resolved runs end at this time, and their seconds are scaled to `t_end`. `ratios` has, for each averaged run, how
+    many times as long the cheapest resolved run takes whose error is not larger, or None if there is no such run.
+    """
 
-        call()  # compiles
+    def ran(kind, tolerance, end):
+        history = jaxves.AC(omega / (2 * np.pi), averaged=kind == "averaged")
+        given, march = scene(nodes, delta=7e-3, history=history), Adaptive(tolerance, recorded=None)
+        jaxves.simulate(given, 1e-6, saves=1, march=march)  # compiles
         began = time.perf_counter()
-        result = call()
-        ends[name] = np.asarray(result.x[1:])
-        found[name] = {
-            "seconds": time.perf_counter() - began,
-            "steps": int(result.state.steps),
-            "status": result.word,
-            "time error": float(result.diagnostics["time_error"][-1]),
-        }
-        if averaged:
-            found[name]["swing"] = float(jnp.max(result.diagnostics["averaged_swing"]))
-    found["apart"] = [float(part) for part in np.max(np.abs(ends["averaged"] - ends["resolved"]), axis=(1, 2, 3))]
-    return found
+        result = jax.block_until_ready(jaxves.simulate(given, end, saves=1, march=march))
+        return result, time.perf_counter() - began
+
+    reference, _ = ran("resolved", exact, until)
+    found = {"omega": omega, "t_end": t_end, "until": until, "reference steps": int(reference.state.steps)}
+    for kind, tolerances in (("averaged", averaged), ("resolved", resolved)):
+        rows = []
+        for tolerance in tolerances:
+            result, seconds = ran(kind, tolerance, until)
+            error = float(jnp.max(jnp.linalg.norm(result.x[-1] - reference.x[-1], axis=-1)))
+            row = {"tolerance": tolerance, "error": error, "status": result.word}
+            if until < t_end and kind == "averaged":
+                result, seconds = ran(kind, tolerance, t_end)
+            scale = t_end / until if kind == "resolved" else 1.0
+            rows.append(row | {"steps": scale * int(result.state.steps), "seconds": scale * seconds})
+        found[kind] = rows
+    return found | {"ratios": ratios(found)}
 
 
-def run(deltas=DELTAS, counts=COUNTS, exact=EXACT, nodes=64, timed=(64,), repeats=9, omega=1e3, t_end=2.0) -> dict:
+def ratios(found) -> list[float | None]:
+    """Returns the seconds of the cheapest resolved run with at most the error of an averaged one, over its seconds."""
+    out = []
+    for row in found["averaged"]:
+        as_good = [other["seconds"] for other in found["resolved"] if other["error"] <= row["error"]]
+        out.append(min(as_good) / row["seconds"] if as_good else None)
+    return out
+
+
+def run(deltas=DELTAS, counts=COUNTS, exact=EXACT, nodes=64, timed=(64,), repeats=9, fields=FIELDS) -> dict:
     """Returns errors by start and δ with their slopes, seconds of steps, and runs in an AC field."""
     errors = orders(deltas, counts, exact, nodes)
     return {
@@ -131,7 +149,7 @@ def run(deltas=DELTAS, counts=COUNTS, exact=EXACT, nodes=64, timed=(64,), repeat
             start: {delta: slopes(row, counts) for delta, row in rows.items()} for start, rows in errors.items()
         },
         "seconds": costs(timed, repeats),
-        "AC": {"omega": omega} | adaptive(omega, nodes, t_end),
+        "AC": [beside(nodes=nodes, **field) for field in fields],
     }
 
 
@@ -160,7 +178,12 @@ def main():
             print(f"{start:15} δ {delta:g}: errors {' '.join(f'{e:.1e}' for e in errors)}  orders {told}")
     for nodes, row in found["seconds"].items():
         print(nodes, "nodes:", ", ".join(f"{name} {1e3 * of:.2f} ms" for name, of in row.items()))
-    print(found["AC"])
+    for field in found["AC"]:
+        print(f"ω = {field['omega']:g}, seconds of resolved over averaged runs with the same error:", field["ratios"])
+        for kind in ("averaged", "resolved"):
+            for row in field[kind]:
+                cost = f"{row['steps']:.0f} steps, {row['seconds']:.2f} s"
+                print(f"  {kind} {row['tolerance']:g}: {cost}, error {row['error']:.1e}, {row['status']}")
     store("charge_steps", found)
     save(draw(found), "charge_steps")
 
