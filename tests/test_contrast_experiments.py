@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from experiments import critical_ratio
+from experiments import contrast_steps, critical_ratio
 from experiments._common import HERE
 
 
@@ -35,3 +35,19 @@ def test_differences_between_critical_ratios_lie_between_their_derivatives(shear
     slopes = [row["by area"] for row in rows.values()]
     for chord, *ends in zip(np.diff(ratios) / np.diff(areas), slopes[:-1], slopes[1:], strict=True):
         assert min(ends) < chord < max(ends)
+
+
+def test_stored_steps_of_viscous_vesicles_have_order_four_and_errors_fall_with_the_tolerance():
+    found = stored("contrast_steps")
+    assert list(found["motions"]) == list(contrast_steps.MOTIONS)
+    for rows in found["motions"].values():
+        orders, errors = rows["orders"], rows["errors"]
+        assert min(order for order, error in zip(orders, errors[1:], strict=True) if error > 1e-9) > 3.7
+        adaptive = [row["error"] for row in rows["adaptive"].values()]
+        assert np.all(np.diff(adaptive) < 0)
+        assert all(row["error"] < float(tolerance) for tolerance, row in rows["adaptive"].items())
+
+
+def test_equal_steps_of_a_viscous_vesicle_have_order_four():
+    found = contrast_steps.accuracy("tumbling", (16, 32), 128, (), 64)
+    assert 3.7 < found["orders"][0] < 4.3
