@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from experiments import contrast_steps, critical_ratio
+from experiments import contrast_fields, contrast_steps, critical_ratio
 from experiments._common import HERE
 
 
@@ -51,3 +51,28 @@ def test_stored_steps_of_viscous_vesicles_have_order_four_and_errors_fall_with_t
 def test_equal_steps_of_a_viscous_vesicle_have_order_four():
     found = contrast_steps.accuracy("tumbling", (16, 32), 128, (), 64)
     assert 3.7 < found["orders"][0] < 4.3
+
+
+def test_a_vesicle_in_a_field_leaves_its_class_where_the_stored_critical_field_says():
+    """At β = 3.2; the histories and β₀ are found by different runs."""
+    found = stored("contrast_fields")
+    for ratio, row in found["histories"].items():
+        assert row["status"] == "complete"
+        if ratio in found["critical"]:
+            assert (row["class"] == "POP") == (found["critical"][ratio]["beta"] < 3.2)
+
+
+def test_the_derivatives_of_critical_fields_by_the_ratio_agree_with_differences():
+    rows = stored("contrast_fields")["critical"]
+    ratios, betas = np.array([float(ratio) for ratio in rows]), np.array([row["beta"] for row in rows.values()])
+    slopes = np.array([row["by ratio"] for row in rows.values()])
+    chords = np.diff(betas) / np.diff(ratios)
+    np.testing.assert_allclose(0.5 * (slopes[1:] + slopes[:-1]), chords, rtol=0.03)
+    known = stored("critical_field")["cases"]["ellipse"]["0.9"]["beta"]
+    np.testing.assert_allclose(rows["1.0"]["beta"], known, rtol=1e-4)
+
+
+def test_the_stored_vesicles_tread_in_shear_and_field():
+    for rows in stored("contrast_fields")["sheared"].values():
+        assert {row["motion"] for row in rows.values()} == {"treading"}
+        assert list(rows) == [str(ratio) for ratio in contrast_fields.CONDUCTIVITIES]
