@@ -92,6 +92,28 @@ def test_a_case_is_what_the_same_scene_gives_alone(whole):
     np.testing.assert_allclose(sweep_store.history(whole, "x", at), result.x, **close)
 
 
+def test_charge_relaxation_and_frequency_vary_in_one_program(tmp_path):
+    """Both reach each case of an averaged AC field. One program is compiled, which serves other values too."""
+    delta, frequency = "field.charge_relaxation", "field.time.frequency"
+    field = SCENE["field"] | {
+        "beta": 1.0,
+        "charge_relaxation": 0.01,
+        "time": {"kind": "ac", "averaged": True, "frequency": 1.0},
+    }
+    vesicle = [{"reduced_area": 0.98, "angle": 45.0}]
+    scene = {"t_end": 0.01, "saves": 1, "vesicle": vesicle, "field": field, "numerics": {"nodes": 24}}
+    before = batches._compiled.cache_info().misses
+    for name, axes in {
+        "one": {delta: [0.01, 0.3], frequency: [10.0, 50.0, 200.0]},
+        "other": {delta: [0.02, 0.1], frequency: [20.0, 100.0]},
+    }.items():
+        record = jaxves.sweep({"scene": scene, "axes": axes}, tmp_path / f"{name}.h5", devices=1, batch=3)
+        found = record.data["deformation_along_field_final"][..., 0]
+        assert np.all(np.isfinite(found)) and np.all(np.abs(np.diff(found, axis=0)) > 1e-6)
+        assert np.all(np.abs(np.diff(found, axis=1)) > 1e-6)
+    assert batches._compiled.cache_info().misses == before + 1
+
+
 def test_the_file_opens_in_xarray_as_a_labelled_grid(whole):
     with xarray.open_dataset(whole, engine="h5netcdf") as data:
         assert data.status.dims == (BETA, CONDUCTANCE)
