@@ -186,8 +186,25 @@ def test_a_history_shows_the_inclination_in_degrees_and_only_where_there_is_one(
     drawn = asked.lines[0].get_ydata()
     assert asked.get_ylabel() == r"$\theta$ (degrees)"
     assert set(drawn[np.isfinite(drawn)]) == {90.0, 180.0} and np.isnan(drawn[120])
-    coarse = moments.drawn_angle(jumping.x[20::40], jumping.diagnostics["inclination_unwrapped"][20::40])
-    assert np.isnan(coarse).sum() == 1  # a gap between the two directions, even where no saved shape is round
+
+    # Where no saved shape is round, the line is broken between the two directions and has all points.
+    coarse = SimpleNamespace(t=jumping.t[20::40], x=jumping.x[20::40], diagnostics={})
+    coarse.diagnostics["inclination_unwrapped"] = jumping.diagnostics["inclination_unwrapped"][20::40]
+    (line,) = run_plots.history(coarse, "inclination_unwrapped").axes[0].lines
+    t, drawn = line.get_data()
+    assert np.isnan(drawn).sum() == 1 and line.get_marker() == "None"
+    np.testing.assert_array_equal(t[np.isfinite(t)], coarse.t)
+    assert moments.turns(np.degrees(coarse.diagnostics["inclination_unwrapped"])) is False
+
+
+def test_a_point_between_two_jumps_of_the_angle_is_a_dot():
+    ellipse = record(1)
+    ellipse.x[..., 1] *= 0.5
+    angle = np.resize([23.0, -32.0, 57.5], len(ellipse.t))
+    ellipse.diagnostics["inclination"] = np.radians(angle)[:, None]
+    (line,) = run_plots.history(ellipse, "inclination").axes[0].lines
+    np.testing.assert_allclose(line.get_ydata()[line.get_markevery()], angle)
+    assert line.get_marker() == "o"
 
     turning = flipping(rest=2.0)
     turning.diagnostics["inclination_unwrapped"] = np.linspace(0, 1.5 * np.pi, 201)[:, None]

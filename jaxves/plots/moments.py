@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 _STILL = 1e-2  # a total change smaller than this, in units of a, counts as no change
 _TIME = 0.25  # share of the time, beside the change of the shapes, in the distance between instants
+_JUMP = 45.0  # degrees; the axis jumps by 90
 _ROUND = 0.02  # below this anisotropy the direction of the major axis is undefined
 
 
@@ -56,17 +57,31 @@ def directed(x: Float[np.ndarray, "T M N 2"]) -> Bool[np.ndarray, "T M"]:
 
 
 def drawn_angle(x: Float[np.ndarray, "T M N 2"], angle: Float[np.ndarray, "T M"]) -> Float[np.ndarray, "T M"]:
-    """Returns the inclination in degrees for drawing: NaN where it is undefined, and at jumps.
+    """Returns the inclination in degrees for drawing: NaN where it is undefined."""
+    return np.where(directed(x), np.degrees(angle), np.nan)
+
+
+def jumps(degrees: Float[np.ndarray, "T *M"]) -> Bool[np.ndarray, "T-1 *M"]:
+    """Returns whether an angle jumps between neighbouring times.
 
     The direction of the major axis jumps by a right angle when a shape passes through a square or a circle.
     """
-    degrees = np.where(directed(x), np.degrees(angle), np.nan)
-    jumps = np.abs(np.diff(degrees, axis=0)) > 45
-    degrees[1:][jumps] = np.nan
-    return degrees
+    return np.abs(np.diff(degrees, axis=0)) > _JUMP
+
+
+def broken(t: Float[np.ndarray, "T"], degrees: Float[np.ndarray, "T"]) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the times and the angles of a line that is broken at the jumps: a NaN is between the points, none is lost."""
+    after = np.flatnonzero(jumps(degrees)) + 1
+    return np.insert(t, after, np.nan), np.insert(degrees, after, np.nan)
+
+
+def alone(values: Float[np.ndarray, "T"]) -> Int[np.ndarray, "K"]:
+    """Returns the rows of the points that no line reaches, because the values before and after them are NaN."""
+    there = np.pad(np.isfinite(values), 1)
+    return np.flatnonzero(there[1:-1] & ~there[:-2] & ~there[2:])
 
 
 def turns(degrees: Float[np.ndarray, "T M"]) -> bool:
-    """Returns whether an angle changes by more than a degree in total, without the jumps that `drawn_angle` removed."""
-    steps = np.abs(np.diff(degrees, axis=0))
+    """Returns whether an angle changes by more than a degree in total, without its `jumps`."""
+    steps = np.where(jumps(degrees), 0.0, np.abs(np.diff(degrees, axis=0)))
     return bool(np.any(np.nansum(steps, axis=0) > 1))

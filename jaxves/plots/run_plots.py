@@ -139,7 +139,7 @@ def history(record, names: str | Sequence[str] | None = None, *, ax: Into = None
     """Draws diagnostics against time in one panel each. Colours distinguish vesicles and components.
 
     Inclination angles are in degrees. The curve has a gap where a shape is as long as it is wide, because the angle is
-    then undefined. Without `names` a default selection is drawn; it includes the inclination only if it changes by more
+    then undefined, and where it jumps from one saved time to the next. A point between two gaps is a dot. Without `names` a default selection is drawn; it includes the inclination only if it changes by more
     than a degree. With `ax`, there is one of these axes for each name.
 
     Raises:
@@ -158,7 +158,12 @@ def history(record, names: str | Sequence[str] | None = None, *, ax: Into = None
         values, label = _curves(record, name)
         for index in np.ndindex(values.shape[1:]):
             column = values[(slice(None), *index)]
-            panel.plot(np.asarray(record.t), column, label=component_label(name, values.shape, index))
+            t = np.asarray(record.t)
+            if name in _ANGLES:
+                t, column = moments.broken(t, column)
+            (line,) = panel.plot(t, column, label=component_label(name, values.shape, index))
+            if len(lone := moments.alone(column)):
+                line.set(marker="o", markersize=2, markevery=lone.tolist())
         if values[0].size > 1:
             title = "vesicle" if values.ndim == 2 else None
             panel.legend(
