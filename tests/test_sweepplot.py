@@ -80,9 +80,16 @@ def test_a_case_that_is_still_changing_at_the_end_has_a_diamond():
     (diamonds,) = [line for line in figure.axes[0].lines if line.get_marker() == "D"]
     np.testing.assert_allclose(diamonds.get_xydata(), [[3.0, 7 / 3]])
     assert "still changing" in [text.get_text() for text in figure.legends[0].get_texts()]
-    assert any("1 of the complete cases are still changing at t_end" in str(part) for part in summary(found, Path("a")))
+    assert (
+        "1 of the complete cases is still changing at t_end (field.beta = 3, field.membrane_conductance = 2.33333):"
+        in (told := " ".join(map(str, summary(found, Path("a")))))
+    )
+    assert "and its class may" in told
     found.status[2, 1] = "steady"
     assert not found.changing.any()
+    trend[:4, 0] = -0.02
+    told = " ".join(map(str, summary(found, Path("a"))))
+    assert "4 of the complete cases are still" in told and "field.membrane_conductance = 1; and 1 more): in" in told
 
 
 def test_an_axis_without_negative_values_does_not_run_below_zero():

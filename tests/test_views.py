@@ -68,7 +68,9 @@ def grid():
 def test_a_result_says_in_one_line_how_it_ended_and_how_accurate_it_is(viewed):
     line = repr(viewed)
     assert "\n" not in line and len(line) < 220
-    assert re.match(r"<(Result|Record): \w+ at t = 0.02; 1 vesicle with 32 nodes, 4 saved times; about \d+ cor", line)
+    assert re.match(
+        r"<(Result|Record): \w+ at t = 0.02; 1 vesicle with 32 nodes, 4 saved times; about \d+\.\d cor", line
+    )
 
 
 def test_a_traced_or_batched_result_is_shown_as_a_pytree(result):

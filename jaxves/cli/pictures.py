@@ -22,6 +22,7 @@ class Picture(enum.StrEnum):
     curves = "curves"
 
 
+_LINES = {Picture.streamlines, Picture.field_lines}
 _SWEPT = {Picture.phases, Picture.map, Picture.curves}
 
 
@@ -66,6 +67,11 @@ def of_run(record: Record, file: Path, what: list[Picture] | None, at: float | N
     if not record.t[0] <= at <= record.t[-1]:
         raise console.refused(f"--at = {at}, expected a time in [{record.t[0]:.6g}, {record.t[-1]:.6g}].")
     pictures = what or [Picture.snapshots, Picture.history]
+    if needing := _LINES & set(pictures) if record.attributes.get("made_in") == "Python" else None:
+        raise console.refused(
+            f"{file} was written by `Result.save` in Python and has no scene, which {min(needing)} need: "
+            f'call `result.plot("{min(needing)}", t=...)` in Python.'
+        )
     if Picture.field_lines in pictures and record.V_m is None:
         raise console.refused(f"--what = field-lines, expected another picture: {file} holds no field.")
     targets = {

@@ -43,6 +43,7 @@ _SHOWN = (
 
 
 _UNFINISHED = (status.WORDS[status.RUNNING], status.WORDS[status.INTERRUPTED])
+_ROUND_OFF = 1e-10  # in units of the model, in which quantities are of the order of one; smaller ones are shown as 0
 _OUTLINES = 4  # largest number of outlines with a line each
 
 
@@ -58,10 +59,10 @@ def brief(record: Record, path: Path, session: Session) -> Iterator[RenderableTy
     yield from _ended(record, path, session)
     if len(record.t) == 0:
         return
-    if warning := _missed_wrinkles(record):
-        yield warning
     yield from _motion(record)
     yield from _accuracy(record)
+    if warning := _missed_wrinkles(record):
+        yield warning
     yield f"`jaxves show {path}` prints more, `jaxves plot {path}` draws figures."
 
 
@@ -70,25 +71,32 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     yield from _ended(record, path)
     if len(record.t) == 0:
         return
-    if kept := record.attributes.get("symmetry"):
-        yield f"kept symmetric {kept}, like its start"
-        yield f"`jaxves show {path} --stability` tests a steady state for stability; for others set `disturbance`"
-        tables = tomllib.loads(record.scene)
-        threshold = threshold_of(tables)
-        if threshold is not None and tables["field"]["beta"] > threshold:
-            yield (
-                f"β = {tables['field']['beta']:.3g} exceeds {threshold:.3g}, beyond which a round vesicle with these "
-                "numbers turns by itself (Quincke rotation). The kept symmetry excludes this: set `disturbance`."
-            )
-    if warning := _missed_wrinkles(record):
-        yield warning
     yield from _motion(record)
-    yield _quantities(record)
     yield from _accuracy(record)
+    yield from _hints(record, path)
+    yield _quantities(record)
     links = certificate(record.diagnostics, record.attributes.get("error"))
     yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
     for name, value in (record.averages or {}).items():
         yield f"average {name}: {value.tolist()}"
+
+
+def _hints(record: Record, path: Path) -> Iterator[str]:
+    """Yields what the run cannot show, because its start is symmetric or smooth, each with what to do about it."""
+    if kept := record.attributes.get("symmetry"):
+        yield (
+            f"kept symmetric {kept}, like its start: set `disturbance = 1e-6` of the vesicle to see whether it stays "
+            f"so, or test a steady state with `jaxves show {path} --stability`"
+        )
+        tables = tomllib.loads(record.scene)
+        threshold = threshold_of(tables)
+        if threshold is not None and tables["field"]["beta"] > threshold:
+            yield (
+                f"β = {tables['field']['beta']:.3g} exceeds {threshold:.3g}: a round vesicle would turn by itself "
+                "(Quincke rotation), which the kept symmetry excludes: set its `disturbance = 1e-6` to see it"
+            )
+    if warning := _missed_wrinkles(record):
+        yield warning
 
 
 def _ended(record: Record, path: Path, session: Session | None = None) -> Iterator[str]:
@@ -217,16 +225,21 @@ def _motion_of_one(found: Motion, m: int, angle: float) -> str:
 
 
 def _error_of_run(record: Record) -> str:
-    """Returns a line with the error of nodes and steps together, and whether it is much larger than the tolerance."""
+    """Returns a line with the error of nodes and steps together, and why it is larger than the tolerance if it is."""
     error, tolerance = record.attributes["error"], tomllib.loads(record.scene)["numerics"].get("tolerance")
     if np.isnan(error):
         return "error of the whole run: not known, because the estimate was interrupted"
     if np.isinf(error):
         return "error of the whole run: not known, because runs with other nodes and steps broke down"
-    text = f"error of the whole run: about {error:.1e} in x (a) and V_m (a E_inf)"
+    text = f"error of the whole run: about {error:.1e} a in positions"
+    if record.V_m is not None:
+        text = f"error of the whole run: about {error:.1e}, of positions in a and of V_m in a E_inf"
     if tolerance is None or error <= 10 * tolerance:
         return text
-    return f"{text}, {error / tolerance:.2g} times the tolerance: use more nodes or a lower tolerance"
+    return (
+        f"{text}. The tolerance {tolerance:g} is for one step; the errors of all steps and of the nodes add up to "
+        "more. For a smaller error use more nodes or a lower tolerance"
+    )
 
 
 def _quantities(record: Record) -> Table:
@@ -242,7 +255,7 @@ def _quantities(record: Record) -> Table:
             if not len(there):
                 continue
             cells = (there[0], there[-1], there.min(), there.max())
-            table.add_row(label, *(f"{cell:.6g}" for cell in cells))
+            table.add_row(label, *("0" if abs(cell) < _ROUND_OFF else f"{cell:.6g}" for cell in cells))
     return table
 
 

@@ -33,7 +33,8 @@ _SHOWN = (
     "min_gap_min",
     "steps",
 )
-_LISTED = 20
+_LISTED = 20  # largest number of failed cases with a line each
+_NAMED = 3  # largest number of cases named in one line
 
 
 def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
@@ -52,21 +53,34 @@ def summary(record: SweepRecord, path: Path) -> Iterator[RenderableType]:
         if found is not None:
             words, counts = np.unique(found[found != ""], return_counts=True)
             yield f"{what}: " + ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
-    if still := int(np.sum(record.changing)):
-        yield (
-            f"{still} of the complete cases are still changing at t_end: in as much time again, D would change by more "
-            f"than {classes.THRESHOLD} at its last rate, and their class may be another one."
-        )
+    yield from _still_changing(record)
     yield from failures(record)
     yield _quantities(record)
+
+
+def _still_changing(record: SweepRecord) -> Iterator[str]:
+    """Yields a line if the classes of some complete cases are not final, with the numbers of the first of them."""
+    found = [_numbers(record, index) for index in map(tuple, np.argwhere(record.changing).tolist())]
+    if not found:
+        return
+    named = "; ".join(found[:_NAMED]) + (f"; and {len(found) - _NAMED} more" if len(found) > _NAMED else "")
+    verb, whose = ("is", "its class") if len(found) == 1 else ("are", "their class")
+    yield (
+        f"{len(found)} of the complete cases {verb} still changing at t_end ({named}): in as much time again, D would "
+        f"change by more than {classes.THRESHOLD} at its last rate, and {whose} may be another one."
+    )
+
+
+def _numbers(record: SweepRecord, index: tuple[int, ...]) -> str:
+    """Returns the numbers of one case in words."""
+    return ", ".join(f"{name} = {value:.6g}" for name, value in record.at(index).items())
 
 
 def failures(record: SweepRecord) -> Iterator[str]:
     """Yields a line for each failed case with its numbers and the reason, up to a limit."""
     failed = np.argwhere(~np.isin(record.status, [*status.SUCCESS, *DUE, SKIPPED]))
     for index in map(tuple, failed[:_LISTED].tolist()):
-        numbers = ", ".join(f"{name} = {value:.6g}" for name, value in record.at(index).items())
-        yield f"{numbers}: {record.status[index]}. {record.reasons[index]}".rstrip()
+        yield f"{_numbers(record, index)}: {record.status[index]}. {record.reasons[index]}".rstrip()
     if len(failed) > _LISTED:
         yield f"and {len(failed) - _LISTED} more"
 

@@ -70,7 +70,7 @@ def jumps(degrees: Float[np.ndarray, "T *M"]) -> Bool[np.ndarray, "T-1 *M"]:
 
 
 def broken(t: Float[np.ndarray, "T"], degrees: Float[np.ndarray, "T"]) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the times and the angles of a line that is broken at the jumps: a NaN is between the points, none is lost."""
+    """Returns the times and the angles of a line that is broken at the jumps, by a NaN between the points."""
     after = np.flatnonzero(jumps(degrees)) + 1
     return np.insert(t, after, np.nan), np.insert(degrees, after, np.nan)
 

@@ -139,8 +139,9 @@ def history(record, names: str | Sequence[str] | None = None, *, ax: Into = None
     """Draws diagnostics against time in one panel each. Colours distinguish vesicles and components.
 
     Inclination angles are in degrees. The curve has a gap where a shape is as long as it is wide, because the angle is
-    then undefined, and where it jumps from one saved time to the next. A point between two gaps is a dot. Without `names` a default selection is drawn; it includes the inclination only if it changes by more
-    than a degree. With `ax`, there is one of these axes for each name.
+    then undefined, and where it jumps from one saved time to the next. A point between two gaps is a dot. Without
+    `names` a default selection is drawn; it includes the inclination only if it changes by more than a degree. With
+    `ax`, there is one of these axes for each name.
 
     Raises:
         ValueError: the record does not have a diagnostic of this name, or the number of `ax` is not that of the names.

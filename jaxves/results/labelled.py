@@ -17,7 +17,7 @@ def _xarray() -> Any:
     try:
         import xarray
     except ImportError:
-        raise ImportError('to_xarray needs xarray: python -m pip install "jaxves[xarray]"') from None
+        raise ImportError("to_xarray needs xarray: python -m pip install xarray h5netcdf") from None
     return xarray
 
 

@@ -65,7 +65,7 @@ class Viewed:
             return f"{self.word} at the start; {size}"
         links = self.certificate
         weak = certificate.weakest(links)
-        accuracy = f"about {max(links[weak].digits, 0):.0f} correct digits, limited by {links[weak].long_name}"
+        accuracy = f"about {max(links[weak].digits, 0):.1f} correct digits, limited by {links[weak].long_name}"
         return f"{self.word} at t = {float(self.t[T - 1]):.6g}; {size}; {accuracy}"
 
     def __repr__(self) -> str:
