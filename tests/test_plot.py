@@ -196,20 +196,20 @@ def test_a_history_shows_the_inclination_in_degrees_and_only_where_there_is_one(
     np.testing.assert_array_equal(t[np.isfinite(t)], coarse.t)
     assert moments.turns(np.degrees(coarse.diagnostics["inclination_unwrapped"])) is False
 
-
-def test_a_point_between_two_jumps_of_the_angle_is_a_dot():
-    ellipse = record(1)
-    ellipse.x[..., 1] *= 0.5
-    angle = np.resize([23.0, -32.0, 57.5], len(ellipse.t))
-    ellipse.diagnostics["inclination"] = np.radians(angle)[:, None]
-    (line,) = run_plots.history(ellipse, "inclination").axes[0].lines
-    np.testing.assert_allclose(line.get_ydata()[line.get_markevery()], angle)
-    assert line.get_marker() == "o"
-
     turning = flipping(rest=2.0)
     turning.diagnostics["inclination_unwrapped"] = np.linspace(0, 1.5 * np.pi, 201)[:, None]
     angle = run_plots.history(turning).axes[1].lines[0].get_ydata()
     np.testing.assert_allclose(angle, np.linspace(0, 270, 201))
+
+
+def test_a_point_between_two_jumps_of_the_angle_is_a_dot():
+    ellipse = record(1)
+    ellipse.x[..., 1] *= 0.5
+    angle = np.resize([23.0, -32.0], len(ellipse.t))
+    ellipse.diagnostics["inclination"] = np.radians(angle)[:, None]
+    (line,) = run_plots.history(ellipse, "inclination").axes[0].lines
+    np.testing.assert_allclose(line.get_ydata()[line.get_markevery()], angle)
+    assert line.get_marker() == "o"
 
 
 def test_snapshots_show_the_imposed_field_and_flow_that_are_there():
