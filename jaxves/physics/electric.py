@@ -22,7 +22,16 @@ from ..base.arguments import Bounded, is_known, refusal, require
 from ..base.bounds import FINITE, RATIO_OF_RELAXING
 from ..base.physical_numbers import BETA, CHARGE_RELAXATION, CHI, PER_VESICLE
 from ..geometry.curve import Curve, d_ds
-from ..numerics.arrays import NodePoints, Nodes, PerVesicle, Scalar, VesiclePoints, as_float, optional_float
+from ..numerics.arrays import (
+    NodePoints,
+    Nodes,
+    PerVesicle,
+    Scalar,
+    ScalarLike,
+    VesiclePoints,
+    as_float,
+    optional_float,
+)
 from .point_functions import OwnFunction, at_points, require_without
 from .waveform import AC, AbstractHistory
 
@@ -43,11 +52,15 @@ class FieldFunction(OwnFunction):
     `dc_field(E_inf=E)` makes it from a function. Arrays in a function that is an `equinox.Module` can be traced,
     differentiated and batched. A plain function must be the same object in later calls, or JAX compiles again.
 
+    Steps end where the field changes most (`steep_times`), and at the times that a method `breakpoints()` of the
+    function returns. A pulse shorter than `t_end`/1000 has to be stated there, or a step may pass over it.
+
     Raises:
         ValueError: the function does not return two numbers, or has a divergence or a curl at one of a few points.
     """
 
     def __check_init__(self):
+        self.require_breakpoints("E_inf")
         if is_known(self.arrays):
             harmonic = "the gradient of a harmonic potential, which has neither divergence nor curl"
             require_without("E_inf", self.function, "field", "E", divergence=harmonic, curl=harmonic)
@@ -145,6 +158,15 @@ class Field(Bounded):
         """Returns the imposed field at time t if it is uniform, in units of the reference |E_∞|."""
         direction = self.unit_direction()
         return direction if self.history is None else self.history(t) * direction
+
+    def breakpoints(self) -> Float[Array | np.ndarray, "B"]:
+        """Returns the times at which the field is not smooth, in order. Time steps end there."""
+        own = [part.breakpoints() for part in (self.history, self.function) if part is not None]
+        return jnp.sort(jnp.concatenate(own)) if len(own) > 1 else own[0] if own else np.zeros(0)
+
+    def steep_times(self, x: VesiclePoints, t_end: ScalarLike) -> Float[Array | np.ndarray, "S"]:
+        """Returns times that a function of the user changes at, found from samples (`OwnFunction.steep_times`)."""
+        return np.zeros(0) if self.function is None else self.function.steep_times(x, t_end)
 
     def period(self) -> Scalar | None:
         """Returns the period of the field in units of t_κ; None if it has none, or is averaged over it."""

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ..base.arguments import Bounded, is_known, refusal, require
 from ..base.bounds import FINITE
 from ..base.physical_numbers import CAPILLARY_NUMBER, HALF_WIDTH
-from ..numerics.arrays import Scalar, VesiclePoints, as_float
+from ..numerics.arrays import Scalar, ScalarLike, VesiclePoints, as_float
 from .point_functions import OwnFunction, at_points, require_without
 from .waveform import AbstractHistory
 
@@ -38,9 +38,13 @@ class AbstractFlow(Bounded):
         """Returns whether v_∞ is linear in position, so that it is symmetric about every point that moves with it."""
         return False
 
-    def breakpoints(self) -> Float[Array, "B"]:
+    def breakpoints(self) -> Float[Array | np.ndarray, "B"]:
         """Returns the times at which the flow is not smooth, in order. Time steps end there."""
         return jnp.zeros(0)
+
+    def steep_times(self, x: VesiclePoints, t_end: ScalarLike) -> Float[Array | np.ndarray, "S"]:
+        """Returns times that a function of the user changes at, found from samples (`OwnFunction.steep_times`)."""
+        return np.zeros(0)
 
     def period(self) -> Scalar | None:
         """Returns the period of the flow in units of t_κ, None if it has none."""
@@ -174,6 +178,9 @@ class FlowFunction(OwnFunction, AbstractFlow):
     `make_scene(flow=v)` makes it from a function. Arrays in a function that is an `equinox.Module` can be traced,
     differentiated and batched. A plain function must be the same object in later calls, or JAX compiles again.
 
+    Steps end where the flow changes most (`steep_times`), and at the times that a method `breakpoints()` of the
+    function returns. A pulse shorter than `t_end`/1000 has to be stated there, or a step may pass over it.
+
     Raises:
         ValueError: the function does not return two numbers, or it has a divergence at one of a few points.
     """
@@ -181,6 +188,7 @@ class FlowFunction(OwnFunction, AbstractFlow):
     bounds: ClassVar = {}
 
     def __check_init__(self):
+        self.require_breakpoints("flow")
         if is_known(self.arrays):
             incompressible = "a divergence-free flow, as the fluid is incompressible"
             require_without("flow", self.function, "velocity", "v", divergence=incompressible)
@@ -222,7 +230,11 @@ class TimeDependent(AbstractFlow):
         return self.flow.is_linear()
 
     def breakpoints(self):
-        return self.history.breakpoints()
+        own, of_flow = self.history.breakpoints(), self.flow.breakpoints()
+        return jnp.sort(jnp.concatenate([own, of_flow])) if of_flow.size else own
+
+    def steep_times(self, x, t_end):
+        return self.flow.steep_times(x, t_end)
 
     def period(self):
         return self.history.period()

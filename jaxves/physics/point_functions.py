@@ -1,4 +1,9 @@
-"""Functions of one point and the time that users write for imposed flows and fields: evaluation, and checks."""
+"""Functions of one point and the time that users write for imposed flows and fields: evaluation, checks, steep times.
+
+A time step that begins and ends outside of a short pulse does not see it. The built-in factors of time therefore state
+their kinks, where steps end. A function of the user's own can state them as well. Its steepest changes are also found
+from samples at equally spaced times, so that no step passes over a large part of all that changes.
+"""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -7,18 +12,26 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
-from ..base.arguments import refusal
-from ..numerics.arrays import ScalarLike
+from ..base.arguments import is_known, refusal
+from ..numerics.arrays import ScalarLike, VesiclePoints, as_float
+from .waveform import later
 
 PointFunction = Callable[[Array, Array], Array]
+
+SAMPLES = 1009  # of a run; a prime, so that samples do not coincide with saved times
+PARTS = 32  # of all changes in time; a step passes over at most one of them
 
 _POINTS = ((0.3, 0.2), (-1.1, 0.7), (0.6, -1.3), (-0.4, -0.9))
 
 
 class OwnFunction(eqx.Module):
-    """A function of one point (2,) and the time as part of a scene, with its arrays apart from the rest of it."""
+    """A function of one point (2,) and the time as part of a scene, with its arrays apart from the rest of it.
+
+    It may have a method `breakpoints()` that returns the times (B,) at which it is not smooth, like factors of time.
+    """
 
     arrays: Any
     rest: Any = eqx.field(static=True)
@@ -30,6 +43,41 @@ class OwnFunction(eqx.Module):
     def function(self) -> PointFunction:
         """The function of one point."""
         return eqx.combine(self.arrays, self.rest)
+
+    def breakpoints(self) -> Float[Array, "B"]:
+        """Returns the times at which the function says that it is not smooth. Time steps end there."""
+        stated = getattr(self.function, "breakpoints", None)
+        return jnp.zeros(0) if stated is None else later(as_float(stated()))
+
+    def steep_times(self, x: VesiclePoints, t_end: ScalarLike) -> Float[Array, "S"]:
+        """Returns times between 0 and `t_end` at which steps must end, so that they see how the function changes.
+
+        It is sampled at `SAMPLES` + 1 equally spaced times at eight nodes of each vesicle. The changes from one time to
+        the next, at the node where they are largest, are divided into `PARTS` equal parts. The times are the middles of
+        these parts, and both ends of an interval with more than one part, such as that of a jump. All are zero, which
+        is no end of a step, for a function that is constant in time. They have no derivatives.
+
+        A pulse between two samples is not found, and one with less than one part of all changes may not be found.
+        """
+        function, x, t_end = lax.stop_gradient((self, as_float(x), as_float(t_end)))
+        x = x[:, :: max(1, x.shape[1] // 8)]
+        times = t_end * jnp.arange(SAMPLES + 1) / SAMPLES
+        values = lax.map(lambda t: at_points(function.function, x, t), times)
+        changes = jnp.max(jnp.abs(jnp.diff(values, axis=0)), axis=(1, 2, 3))
+        changes = jnp.where(jnp.isfinite(changes), changes, 0.0)
+        passed = jnp.cumsum(changes)
+        ends = jnp.searchsorted(passed, passed[-1] * (jnp.arange(PARTS) + 0.5) / PARTS)
+        begins = jnp.where(changes[ends] * PARTS > passed[-1], times[ends], 0.0)
+        return jnp.where(passed[-1] > 0, jnp.concatenate([begins, times[ends + 1]]), 0.0)
+
+    def require_breakpoints(self, argument: str) -> None:
+        """Raises ValueError if the function states times that are no array (B,) of finite numbers."""
+        stated = getattr(self.function, "breakpoints", None)
+        times = None if stated is None else stated()
+        if times is not None and is_known(times):
+            found = np.asarray(times)
+            if found.ndim != 1 or found.dtype.kind not in "iuf" or not np.all(np.isfinite(found)):
+                raise refusal(f"{argument}.breakpoints()", times, "the times at which it is not smooth, (B,)")
 
 
 def at_points(function: PointFunction, x: Float[Array, "*batch 2"], t: ScalarLike) -> Float[Array, "*batch 2"]:
@@ -62,7 +110,8 @@ def _gradients(argument, function, kind, symbol) -> Iterator[tuple[float, tuple,
     """Yields times, points (4, 2) and the derivatives (4, 2, 2) of the function there."""
     for t in (0.0, 0.37):
         try:
-            gradient = jax.vmap(jax.jacfwd(function), in_axes=(0, None))(jnp.array(_POINTS), jnp.asarray(t))
+            with jax.ensure_compile_time_eval():  # a scene may be made in a function that is being compiled
+                gradient = jax.vmap(jax.jacfwd(function), in_axes=(0, None))(jnp.array(_POINTS), jnp.asarray(t))
         except (TypeError, IndexError) as error:
             raise refusal(argument, error, f"a function {symbol}(x, t) in JAX of one point (2,)") from None
         if gradient.shape != (4, 2, 2):

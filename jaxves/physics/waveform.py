@@ -14,7 +14,7 @@ from ..base.physical_numbers import AMPLITUDE, DURATION, FREQUENCY, OFFSET, PHAS
 from ..numerics.arrays import Scalar, as_float
 
 
-def _later(t: Array) -> Array:
+def later(t: Array) -> Array:
     """Returns a time slightly after t, by more than round-off, at which a kink at t is placed.
 
     A time that is saved at t then differs from the kink. If one step ended at both, the derivative of the saved values
@@ -57,7 +57,7 @@ class Pulse(AbstractHistory):
 
     def breakpoints(self):
         end = self.start + self.duration
-        return _later(jnp.stack([self.start, self.start + self.rise, end, end + self.rise]))
+        return later(jnp.stack([self.start, self.start + self.rise, end, end + self.rise]))
 
 
 class Sine(AbstractHistory):
@@ -146,4 +146,4 @@ class PiecewiseLinear(AbstractHistory):
         return jnp.interp(t, self.breakpoints(), self.values)
 
     def breakpoints(self):
-        return _later(self.times)
+        return later(self.times)

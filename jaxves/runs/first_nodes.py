@@ -71,7 +71,7 @@ def _asked(file: SceneFile, problem: Problem) -> tuple[float, float]:
     """
     scene = problem.equation.scene
     periods = [np.arange(1, _PHASES) / _PHASES * float(period) for period in scene.periods()]
-    breaks = [part.breakpoints() for part in (scene.field and scene.field.history, scene.flow) if part is not None]
+    breaks = [part.breakpoints() for part in (scene.field, scene.flow) if part is not None]
     if not (stress(file) > STRONG or periods or sum(map(len, breaks))):
         return 0.0, 0.0
     stops = np.asarray(problem.stops)

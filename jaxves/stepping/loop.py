@@ -58,13 +58,12 @@ def whole_periods(scene: Scene, average: Array | None) -> Array | None:
 
 
 def stops_of(scene: Scene, t_end, average=None) -> Float[Array, "S"]:
-    """Returns the times at which steps must end: kinks of field and flow, ends of the averaging window, and `t_end`."""
+    """Returns the times at which steps must end: those of field and flow, ends of the averaging window, and `t_end`."""
     average = whole_periods(scene, average)
     stops = [jnp.reshape(as_float(t_end), (1,))]
-    if scene.field is not None and scene.field.history is not None:
-        stops.append(scene.field.history.breakpoints())
-    if scene.flow is not None and scene.flow.breakpoints().size:
-        stops.append(scene.flow.breakpoints())
+    for part in (scene.field, scene.flow):
+        if part is not None:
+            stops += [times for times in (part.breakpoints(), part.steep_times(scene.x, t_end)) if times.size]
     if average is not None:
         stops.append(as_float(average))
     return jnp.concatenate(stops)
