@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import optax
 from jaxtyping import Float
+from scipy.special import gammaincc
 
 from ..base.arguments import require_count
 from ..base.progress import Progress, silent
@@ -39,6 +40,8 @@ from .intervals import judged
 from .kept_starts import fingerprint, keep, resumed
 from .observations import Model, Observations, Translation
 from .search import Start, Target, linearised, starting_points, trust_region
+
+_IMPROBABLE = 1e-3  # probability of χ² below which a fit is doubtful
 
 
 class Fit(NamedTuple):
@@ -56,6 +59,12 @@ class Fit(NamedTuple):
     determined: tuple[str, ...]  # combinations that they do determine, of numbers that are not determined alone
     starts: tuple[Start, ...]
 
+    @property
+    def probability(self) -> float:
+        """The probability that χ² is at least this large if model and deviations are right; 1 without redundancy."""
+        redundant = self.observations - len(self.values)
+        return float(gammaincc(0.5 * redundant, 0.5 * self.chi2)) if redundant > 0 else 1.0
+
     def __str__(self) -> str:
         lines = []
         for name, interval in self.intervals.items():
@@ -66,7 +75,13 @@ class Fit(NamedTuple):
         lines += [f"{sentence}." for sentence in self.determined]
         if not self.determined:
             lines += [f"{combination} is not determined." for combination in self.loose]
-        return "\n".join([*lines, f"χ² = {self.chi2:.5g} for {self.observations} observations"])
+        lines.append(f"χ² = {self.chi2:.5g} for {self.observations} observations")
+        if self.probability < _IMPROBABLE:
+            lines.append(
+                "χ² is improbably large: the scene does not describe the observations, or their `deviation` is too "
+                "small. The intervals are too narrow."
+            )
+        return "\n".join(lines)
 
 
 def fit(
