@@ -109,11 +109,12 @@ def _carried_out(
                 word = begun.failed.word
             begun.rows.write()
             error = _error(scene_file, begun, progress) if word in status.SUCCESS else None
-            links = certificate(writer.diagnostics(), error)
+            found = writer.diagnostics()
+            links = certificate(found, error)
             if word in status.SUCCESS and not has_enough_digits(links):
                 word = status.WORDS[status.INACCURATE]
             failed = begun.failed and f"{begun.failed}."
-            words = failed or advice(word, _nodes(begun), writer.diagnostics())
+            words = failed or advice(word, _nodes(begun), found)
             writer.finish(word, words, time.perf_counter() - began, _averages(begun), links, error)
         except hdf5.StoreError as error:
             raise Broken(str(error)) from error
