@@ -240,7 +240,7 @@ def test_units_writes_a_scene_with_its_numbers(changed, tmp_path):
     """In a strong field and shear, in shear alone, at rest, and where the membrane is never charged."""
     path = tmp_path / "laboratory.toml"
     code, out, _ = call("units", *options(**changed), "--reduced-area", "0.95", "--out", str(path))
-    assert code == 0 and f"jaxves run {path}" in out
+    assert code == 0 and f"jaxves run {path} --out {path.with_suffix('.h5')}\n" in out
     scene = read_scene(path)
     assert scene.vesicle[0].reduced_area == 0.95 and scene.numerics.nodes == "auto" and 0 < scene.t_end < 1e3
     assert (scene.field is None) == (changed.get("E") == 0.0)

@@ -106,6 +106,15 @@ def test_output_that_finds_no_room_is_told_in_one_line(folder):
     assert done.stderr == "jaxves: [Errno 28] No space left on device\n"
 
 
+@pytest.mark.parametrize("arguments", [["run", "pop", "--out", "x.h5"], ["check-grad", "pop"]])
+def test_single_precision_is_refused_in_one_line(tmp_path, arguments):
+    done = command(*arguments, cwd=tmp_path, env=os.environ | {"JAX_ENABLE_X64": "0"})
+    assert done.returncode == 2 and not list(tmp_path.iterdir())
+    assert done.stderr == (
+        "jaxves: JAX_ENABLE_X64 = 0, expected 1, or no such variable: jaxves needs double precision.\n"
+    )
+
+
 # --- where compiled programs are kept -----------------------------------------------------------
 
 

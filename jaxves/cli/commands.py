@@ -11,7 +11,6 @@ import typer
 
 from .. import __version__
 from ..base import status
-from ..base.compiling import fast_start
 from ..inputs import sweep_files
 from ..inputs.scene_files import SceneError, built_in_scenes, read_scene
 from ..inputs.template import TEMPLATE
@@ -132,7 +131,7 @@ def sweep(
     if not resume and (process or 0) == 0 and not distributed:
         console.refuse_existing([out], force, "use --force to replace it or --resume to continue it")
     long_runs.use_all_cores(devices)
-    fast_start()
+    console.start_jax()
     if distributed or coordinator:
         import jax
 
@@ -217,7 +216,7 @@ def check_grad(
         raise console.refused(error) from None
     if not (math.isfinite(t_end) and t_end > 0):
         raise console.refused(f"--t-end = {t_end}, expected a positive finite number.")
-    fast_start()
+    console.start_jax()
     from ..analysis import gradcheck
 
     with console.err.status("running") as said:
@@ -247,9 +246,7 @@ def init(file: options.NewScene = Path("scene.toml"), force: options.Force = Fal
     """Write a scene file with comments."""
     console.refuse_existing([file], force)
     file.write_text(TEMPLATE, encoding="utf-8")
-    console.out.print(
-        f"wrote {file}; simulate it with: jaxves run {file} --out {file.with_suffix('.h5')}", markup=False
-    )
+    console.wrote_scene(file)
 
 
 @app.command()
@@ -297,4 +294,5 @@ def units(
         console.out.print(part, markup=False)
     if out is not None:
         out.write_text(tomli_w.dumps(scene_of_laboratory(physical, reduced_area)), encoding="utf-8")
-        console.out.print(f"\nwrote {out}; simulate it with: jaxves run {out}", markup=False)
+        console.out.print()
+        console.wrote_scene(out)

@@ -14,6 +14,7 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
+from ..base.compiling import fast_start
 from ..geometry.outlines import OutlineNoise
 from ..results.hdf5 import StoreError, refuse_special
 
@@ -52,6 +53,21 @@ def refused(message: object) -> typer.Exit:
     """Prints what is wrong with the input; returns the exception to raise."""
     say(message)
     return typer.Exit(BAD_INPUT)
+
+
+def wrote_scene(path: Path) -> None:
+    """Tells that a scene file was written, and the command that simulates it."""
+    out.print(f"wrote {path}; simulate it with: jaxves run {path} --out {path.with_suffix('.h5')}", markup=False)
+
+
+def start_jax() -> None:
+    """Refuses single precision before anything is computed; then keeps compiled programs (`fast_start`)."""
+    import jax
+
+    if not jax.config.jax_enable_x64:
+        given = os.environ.get("JAX_ENABLE_X64")
+        raise refused(f"JAX_ENABLE_X64 = {given}, expected 1, or no such variable: jaxves needs double precision.")
+    fast_start()
 
 
 def refuse_existing(paths: list[Path], force: bool, remedy: str = "use --force to replace it") -> None:

@@ -13,14 +13,13 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from ..base import status
-from ..base.compiling import fast_start
 from ..inputs.scene_files import SceneError, SceneFile
 from ..results import run_store, sweep_store
 from ..results.hdf5 import StoreError
 from ..results.ownership import LostFile
 from ..results.sweep_store import SweepRecord
 from . import interrupts
-from .console import BROKE_DOWN, err, out, refused, say
+from .console import BROKE_DOWN, err, out, refused, say, start_jax
 from .run_summary import Session
 
 _BETWEEN_LINES = 60.0  # seconds between lines in a log
@@ -54,7 +53,7 @@ def _simulated(scene_file: SceneFile, file: Path, limit: float | None, how: dict
             say_now_and_then(f"t = {t:.4g} of {t_end:.4g}, {text}")
             bar.update(task, completed=t, description=text)
 
-        fast_start()
+        start_jax()
         from ..runs import runner
 
         try:

@@ -94,6 +94,7 @@ def _draw(record: Record, picture: Picture, at: float, target: Path) -> None:
         case Picture.history:
             plotting.history(record).savefig(target)
         case _:
+            console.start_jax()
             from ..runs.problem import reconstructed
 
             lines = plotting.field_lines if picture == Picture.field_lines else plotting.streamlines

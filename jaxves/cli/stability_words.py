@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.stability import Stability, stability
-from ..base.compiling import fast_start
 from ..equation.state import Unknowns
 from ..inputs.scene_files import parse
 from ..inputs.scene_tables import SceneFile
@@ -16,6 +15,7 @@ from ..numerics import fourier
 from ..results.run_store import Record
 from ..results.sweep_store import SweepRecord
 from ..runs.build import build
+from .console import start_jax
 
 _MOST_NODES = 64  # a steady state in a few seconds
 _NEAR = 0.05  # largest distance of the last state from a steady one, in a and a E_inf
@@ -29,7 +29,7 @@ def words(record: Record | SweepRecord) -> str:
         return "stability: not known without the last state of a run"
     if "vesicle" not in tomllib.loads(record.scene):
         return "stability: not known for a result made in Python, whose file has no scene"
-    fast_start()
+    start_jax()
     scene_file = parse(tomllib.loads(record.scene))
     if reason := _unsuitable(scene_file):
         return f"stability: not known for {reason}"
