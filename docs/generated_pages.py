@@ -2,7 +2,8 @@
 
     python docs/generated_pages.py     # writes docs/reference/*.md and docs/validation/experiments/*.md
 
-`website.py` does this before every build. The pages are not kept in the repository.
+`website.py` does this before every build. The repository keeps the references of files (scenes, sweeps, results), and
+none of the other pages.
 """
 
 import ast
@@ -246,9 +247,12 @@ _ATTRIBUTES = (
 )
 
 
+_STATUSES = "Exit status: 0 done, 2 wrong input, 3 broke down, 130 interrupted by Ctrl-C or --max-time, 143 by SIGTERM."
+
+
 def command_line() -> str:
     """Returns the reference of the command line."""
-    parts = ["# Command line\n", _NOTE, "Exit status: 0 done, 2 wrong input, 3 the run broke down, 130 interrupted.\n"]
+    parts = ["# Command line\n", _NOTE, f"{_STATUSES}\n"]
     group = typer.main.get_command(commands.app)
     for name, command in group.commands.items():
         rows = [

@@ -5,10 +5,10 @@
 Shapes and potentials of a draining chain (Λ = 0.1, G = 0) are saved with 64 nodes while the gap decreases. Each is
 interpolated to 48 to 256 nodes, and the rate of change of the gap is compared with that for 256.
 
-What to expect: the error follows τ/(2d)² over seven orders of magnitude. τ is the top of the spectrum of the tension
-divided by its largest mode, and d is the gap. This is the diagnostic `film_error`; above 0.1 the status is
-`unresolved`. The ratio of gap and node spacing alone is a worse measure: at a gap of one spacing the error is 7e-2,
-2e-3, 3e-4 with 64, 96, 128 nodes.
+What to expect: the error follows τ/(2d)², from 1e-8 up to errors of the size of the rate itself. τ is the top of the
+spectrum of the tension divided by its largest mode, and d is the gap. This is the diagnostic `film_error`; above 0.1
+the status is `unresolved`. The ratio of gap and node spacing alone is a worse measure: at a gap of one spacing the
+error is 7e-2, 2e-3, 3e-4 with 64, 96, 128 nodes.
 """
 
 import equinox as eqx

@@ -267,9 +267,9 @@ def units(
 ) -> None:
     """Convert laboratory quantities to the numbers of the model, and warn where the model does not hold.
 
-    Prints the dimensionless numbers, the units of results, the regime of the vesicle (wrinkles, inertia, voltage,
-    charge relaxation) with a warning for each limit that is exceeded, and the tables of a scene file. With --out, a
-    whole scene is written: an ellipse of this reduced area along the field, for ten times the slowest time.
+    Prints the numbers of the model, the units of results, the limits of the model with warnings, and a scene's tables.
+
+    With --out, writes a scene: an ellipse of this reduced area along the field, for ten times the slowest time.
     """
     quantities = dict(
         a=a, E=E, sigma_i=sigma_i, sigma_e=sigma_e, epsilon=epsilon, C_m=C_m, kappa_B=kappa_B, mu=mu, G_m=G_m,

@@ -92,7 +92,7 @@ Viscosity = Annotated[float, typer.Option("--mu", help="Viscosity, in Pa s.")]
 Conductance = Annotated[float, typer.Option("--G-m", help="Membrane conductance, in S/m².")]
 ShearRate = Annotated[float, typer.Option("--shear-rate", help="Shear rate, in 1/s.")]
 ReducedArea = Annotated[
-    float, typer.Option("--reduced-area", help="4π area / perimeter², used for the estimates of the regime.")
+    float, typer.Option("--reduced-area", help="4π area / perimeter², for the regime and the scene.")
 ]
 ScenePath = Annotated[Path | None, typer.Option("--out", "-o", help="Also write a scene file with these numbers.")]
 

@@ -7,7 +7,7 @@ The formulas hold for a nearly round vesicle of reduced area Δ, with ε₀ = �
     load on the prolate shape           P = (B/8) (3 + (1 - Λc)² - 3c²), negative: it compresses the membrane
     tension                             λ = 2P/(3 ε₀ (1 + 1.8 ε₀)), in κ_B/a²; 1 + 1.8 ε₀ is accurate to 2 % for Δ ≥ 0.9
     fastest wrinkle                     k* = √(|λ|/3) waves around the vesicle, growing at |λ|^{3/2}/(6√3) per t_κ
-    nodes                               N = 3 √|λ_min| for four digits, with λ_min ≈ 1.27 λ
+    nodes                               N = 3 √|λ_min| for wrinkles to 0.1 %, with λ_min ≈ 1.27 λ
 
 The growth exponent X is the integral of that rate while the load compresses the membrane. The load changes its sign
 when the membrane is charged. With a conducting membrane this may not happen; then the integral covers the time 3ε₀/|P|
