@@ -107,7 +107,7 @@ def _timers(limit: float, found: Interrupts) -> list[threading.Timer]:
 
     def end():
         if not found.has_interrupted:
-            say("stopped by --max-time while a program was compiled; the file keeps what was written.")
+            say("stopped by --max-time while a program was compiled; what was written before is kept.")
             os._exit(found.exit_status)
 
     left = limit - (time.monotonic() - _BEGAN)
