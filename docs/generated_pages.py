@@ -243,7 +243,7 @@ _ATTRIBUTES = (
     ("`saved`", "the number of valid rows"),
     ("`schema_version`", "the version of this layout"),
     ("`version`", "the version of jaxves, with those of the libraries in further attributes"),
-    ("`wall_time`", "the time of the computation in seconds"),
+    ("`wall_time`", "the time of the computation in seconds, of all parts of a run that was continued"),
 )
 
 

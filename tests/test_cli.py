@@ -410,6 +410,8 @@ def test_runs_killed_and_interrupted_leave_whole_files_and_a_resumed_one_has_the
     assert record.status == "running" and 60 <= len(acknowledged.t) <= len(record.t) < 3001
     np.testing.assert_array_equal(record.x, complete.x[: len(record.t)])
     assert "--resume" in call("show", killed)[1]
+    seconds = record.attributes["wall_time"]
+    assert seconds > 0 and f" after {seconds:.1f} s" in call("show", killed)[1]
 
     process = start("run", scene, "--out", stopped)
     wait_for(process, stopped, 60)
@@ -431,7 +433,8 @@ def test_runs_killed_and_interrupted_leave_whole_files_and_a_resumed_one_has_the
     code, out, err = finished(start("run", scene, "--out", killed, "--resume"))
     assert code == 0, err
     assert stored(killed) == stored(whole)
-    assert run_store.read_result(killed).status == "complete"
+    record = run_store.read_result(killed)
+    assert record.status == "complete" and record.attributes["wall_time"] > seconds
 
 
 @pytest.mark.parametrize(("signum", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -184,7 +184,7 @@ def test_a_continuation_that_fails_or_is_interrupted_before_its_first_step_leave
         return {name: leaf for name, leaf in leaves.items() if name != "last_error"} | {"gone": np.zeros(1)}
 
     monkeypatch.setattr(run_store, "state", older)
-    with pytest.raises(StoreError, match=r"has other parts \(gone, last_error\) than .*--from\.$"):
+    with pytest.raises(StoreError, match=r"has other parts \(gone, last_error\) than .*\(--from\)\.$"):
         runner.run(pop(0.1, 10), path, resume=True)
     assert path.read_bytes() == before
 

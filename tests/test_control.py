@@ -139,7 +139,10 @@ def test_a_step_into_a_breakdown_is_shortened_and_one_without_decrease_is_refuse
     [
         ({"quantity": "colour"}, r"quantity = colour, expected one of area, "),
         ({"quantity": "center"}, r"quantity = center with shape .*expected one number"),
-        ({"quantity": lambda result: result.x}, r"quantity = .* with shape .*expected one number"),
+        (
+            {"quantity": lambda result: result.x},
+            r"quantity = a function that returns an array of shape .*, expected one number",
+        ),
         ({"wanted": np.nan}, r"wanted = nan, expected"),
         ({"knots": 1}, r"knots = 1, expected a whole number >= 2"),
         ({"max_V_m": 0.0}, r"max_V_m = 0.0, expected"),

@@ -9,6 +9,7 @@ from experiments import charge_fit
 from experiments._common import HERE
 from jaxves.analysis import boxes, fit, intervals
 from jaxves.analysis.observations import Model, Observations, shown
+from jaxves.base import status
 from jaxves.inputs.checking import SceneError
 from jaxves.inputs.scene_files import parse
 from jaxves.stepping.fixed import Fixed
@@ -60,6 +61,32 @@ def test_what_the_translation_gives_has_to_be_a_number_that_the_scene_may_have()
         fit.fit(
             FILE, {"E": (1.0, 2.0)}, BLANK, numbers=lambda unknowns: {"field.beta": unknowns["E"] ** 2}, march=MARCH
         )
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        (lambda unknowns: [unknowns["kappa"]], "numbers = a function that returns .*, expected a function in JAX"),
+        (lambda unknowns: {"vesicle.bending": float(unknowns["kappa"])}, "numbers = .*makes a Python number"),
+        (lambda unknowns: {"vesicle.bending": [unknowns["kappa"]]}, "numbers = a function that returns .*, expected"),
+    ],
+)
+def test_a_translation_that_cannot_be_traced_is_refused_before_any_run(numbers, message):
+    with pytest.raises(ValueError, match=message):
+        fit.fit(FILE, {"kappa": (10.0, 1000.0)}, BLANK, numbers=numbers, march=MARCH)
+
+
+@pytest.mark.parametrize("conditions", [None, {"vesicle.reduced_area": AREAS}])
+def test_where_every_run_breaks_down_the_error_has_the_status_words(conditions):
+    """With one step of this length the shape is lost at once."""
+    seen = BLANK.seen["deformation"] if conditions else BLANK.seen["deformation"][0]
+    broken = BLANK._replace(t_end=100.0, seen={"deformation": seen}, conditions=conditions)
+    with pytest.raises(
+        ValueError, match=r"^starts: every run ended as .*, expected at least one start whose"
+    ) as caught:
+        fit.fit(FILE, {"vesicle.bending": (0.5, 2.0)}, broken, starts=1, march=Fixed(1))
+    words = str(caught.value).split(" as ")[1].split(",")[0].split(" or ")
+    assert set(words) <= set(status.WORDS.values()) - {"complete"}
 
 
 def test_a_part_of_an_open_combination_has_no_interval_however_short_its_own_is():

@@ -180,7 +180,7 @@ def test_a_period_that_no_run_can_resolve_is_refused():
     ("function", "message"),
     [
         (lambda x, t: x, r"divergence 2 at x = \[0.3, 0.2\], t = 0.0, expected a divergence-free flow"),
-        (lambda x, t: jnp.sum(x), r"values \(\), expected the velocity of one point"),
+        (lambda x, t: jnp.sum(x), r"an array of shape \(\), expected a function v\(x, t\)"),
         (lambda x: x, "expected a function v"),
     ],
 )

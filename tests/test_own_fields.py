@@ -94,7 +94,7 @@ def test_the_derivative_of_a_run_agrees_with_differences_and_the_circle_moves_al
     [
         (lambda x, t: x, {}, r"E_inf = divergence 2 at x = \[0.3, 0.2\], t = 0.0, expected the gradient of a harmonic"),
         (lambda x, t: jnp.array([-x[1], x[0]]), {}, r"E_inf = curl 2 at .*expected the gradient of a harmonic"),
-        (lambda x, t: x[0], {}, r"E_inf = a function with values \(\), expected the field of one point"),
+        (lambda x, t: x[0], {}, r"E_inf = a function that returns an array of shape \(\), expected a function E"),
         (lambda x: x, {}, r"E_inf = .*expected a function E\(x, t\)"),
         (uniform, {"direction": (1.0, 0.0)}, r"direction = .*expected no direction beside E_inf"),
         (uniform, {"charge_relaxation": 0.1}, r"charge_relaxation = 0.1, expected None"),

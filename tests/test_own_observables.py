@@ -68,7 +68,7 @@ def test_a_result_is_saved_and_loaded(found, tmp_path):
     assert record.digits == pytest.approx(result.digits)
     record.to_csv(tmp_path / "found.csv")
     assert "height[0]," in (tmp_path / "found.csv").read_text()
-    with pytest.raises(StoreError, match="exists already"):
+    with pytest.raises(StoreError, match=r"exists already: replace it with force=True"):
         result.save(path)
     result.save(path, force=True)
     with pytest.raises(StoreError, match="has no scene"):
@@ -80,7 +80,10 @@ def test_a_result_is_saved_and_loaded(found, tmp_path):
     [
         ({"area": height}, "observables = 'area', expected names of your own"),
         ({"my height": height}, "observables = 'my height', expected names of your own"),
-        ({"nodes": lambda row: row.x}, r"values of shape \(1, 32, 2\), expected one number, or one for each of 1"),
+        (
+            {"nodes": lambda row: row.x},
+            r"an array of shape \(1, 32, 2\), expected .* one number, or an array with one for each of 1",
+        ),
     ],
 )
 def test_an_observable_that_cannot_be_used_is_refused(observables, message):

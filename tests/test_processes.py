@@ -122,7 +122,7 @@ def test_a_file_that_another_process_writes_is_refused_and_left_as_it_is(finishe
     before = finished.read_bytes()
     code, out, err = call("run", tmp_path / "scene.toml", "--out", finished, how)
     assert (code, out, err.count("\n")) == (2, "", 0)
-    assert f"{finished} is being written by another run (process {holder.pid} on " in err and "another --out" in err
+    assert f"{finished} is being written by another run (process {holder.pid} on " in err and "another file" in err
     assert finished.read_bytes() == before
 
 

@@ -119,6 +119,22 @@ def test_a_finished_file_has_no_empty_rows(tmp_path, history):
         assert {file[name].shape[0] for name in DATASETS} == {2}
 
 
+def test_the_time_of_a_run_is_the_sum_of_its_parts_also_of_one_that_was_killed(tmp_path, history):
+    path = tmp_path / "run.h5"
+    with new(path) as writer:
+        writer.append(rows(history, 0, 1), STATES[0], 0.5)
+        writer.append(rows(history, 1, 2), STATES[1], 4.0)
+    assert read_result(path).attributes["wall_time"] == 4.0
+    with resume(path, SCENE, TIMES) as writer:
+        writer.append(rows(history, 2, 4), STATES[3], 1.0)
+        assert read_result(path).attributes["wall_time"] == 5.0
+        writer.finish("interrupted", "resume", 2.0)
+    with resume(path, SCENE, TIMES) as writer:
+        writer.append(rows(history, 4, 6), STATES[5], 8.0)
+        writer.finish("complete", "", 16.0)
+    assert read_result(path).attributes["wall_time"] == 22.0
+
+
 @pytest.mark.parametrize("finished", [True, False])
 def test_a_resumed_run_goes_on_where_rows_and_state_agree(tmp_path, history, finished):
     with new(tmp_path / "run.h5") as writer:
@@ -182,7 +198,9 @@ def test_blocks_which_do_not_fit_are_refused(tmp_path, history):
 def test_an_existing_file_is_refused(tmp_path, history):
     path = tmp_path / "run.h5"
     path.write_bytes(b"precious")
-    with pytest.raises(StoreError, match=r"run\.h5 exists already: use --force"):
+    with pytest.raises(
+        StoreError, match=r"run\.h5 exists already: replace it with force=True \(--force on the command line\)"
+    ):
         new(path)
     assert path.read_bytes() == b"precious"
 

@@ -278,7 +278,7 @@ def test_a_file_is_resumed_only_with_its_own_sweep_and_not_overwritten(whole, tm
     other = GRID | {"axes": {BETA: [1.0]}}
     with pytest.raises(StoreError, match="another sweep"):
         jaxves.sweep(other, whole, resume=True)
-    with pytest.raises(StoreError, match="--force"):
+    with pytest.raises(StoreError, match=r"force=True \(--force on the command line\)"):
         jaxves.sweep(GRID, whole)
     with pytest.raises(StoreError, match="does not exist"):
         jaxves.sweep(GRID, tmp_path / "none.h5", resume=True)

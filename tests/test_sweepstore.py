@@ -96,5 +96,5 @@ def test_what_is_no_sweep_is_refused(tmp_path):
         assert not sweep_store.is_sweep(tmp_path / name)
         with pytest.raises(StoreError, match=name):
             sweep_store.read_sweep(tmp_path / name)
-    with pytest.raises(StoreError, match="--force"):
+    with pytest.raises(StoreError, match=r"force=True \(--force on the command line\)"):
         created(tmp_path / "text.h5")

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from ..base import status
 from ..base.arguments import refusal
+from ..base.own_functions import require_returned
 from ..numerics.arrays import Scalar, Status
 from ..numerics.linear import AbstractSolver
 from ..operators.interactions import AbstractCoupling
@@ -99,6 +100,7 @@ class Controlled(eqx.Module):
             value = result.diagnostics[self.quantity][-1]
             value = jnp.reshape(value, ()) if value.size == 1 else value
         else:
+            require_returned("quantity", lambda: self.quantity(result), shapes=[()], expected=wanted)
             value = jnp.asarray(self.quantity(result))
         if value.shape != () or not jnp.issubdtype(value.dtype, jnp.floating):
             raise refusal("quantity", f"{self.quantity} with shape {value.shape}", wanted)

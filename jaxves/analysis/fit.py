@@ -26,7 +26,8 @@ import optax
 from jaxtyping import Float
 from scipy.special import gammaincc
 
-from ..base.arguments import require_count
+from ..base.arguments import refusal, require_count
+from ..base.own_functions import number, returned
 from ..base.progress import Progress, silent
 from ..geometry.frames import Frames
 from ..inputs.parameters import check_numbers
@@ -38,7 +39,7 @@ from . import boxes
 from .descent import descent, require_optimiser
 from .intervals import judged
 from .kept_starts import fingerprint, keep, resumed
-from .observations import Model, Observations, Translation
+from .observations import Model, Observations, Translation, words
 from .search import Start, Target, linearised, starting_points, trust_region
 
 _IMPROBABLE = 1e-3  # probability of χ² below which a fit is doubtful
@@ -125,7 +126,7 @@ def fit(
     """
     scene_file = read_scene(scene_file)
     inside = boxes.boxes(bounds)
-    model = Model.of(scene_file, observations, march, numbers)
+    model = Model.of(scene_file, observations, march, _traceable(numbers, inside))
     tried = [_checked(model, inside, name, share) for name in inside for share in (1e-6, 1 - 1e-6)]
     if isinstance(starts, int):
         require_count("starts", starts)
@@ -144,6 +145,17 @@ def fit(
             keep(checkpoint, mark, done)
         progress(i + 1, len(starts), f"start {i + 1} of {len(starts)} is done: χ² = {done[i].chi2:.6g}")
     return _judged(tuple(done[: len(starts)]), target)
+
+
+def _traceable(numbers: Translation | None, inside: Mapping[str, boxes.Box]) -> Translation | None:
+    """Returns `numbers`; raises ValueError unless JAX can trace it, and it returns numbers by their names."""
+    if numbers is None:
+        return None
+    expected = "a function in JAX that returns numbers of the scene by their names, as a dict"
+    found = returned("numbers", numbers, dict.fromkeys(inside, number()), expected=expected)
+    if not isinstance(found, dict) or not all(np.shape(value) == () for value in found.values()):
+        raise refusal("numbers", f"a function that returns {found}", expected)
+    return numbers
 
 
 def _middle(inside: Mapping[str, boxes.Box]) -> dict[str, float]:
@@ -218,7 +230,9 @@ def _judged(starts: tuple[Start, ...], target: Target) -> Fit:
     inside = dict(target.inside)
     finite = [start for start in starts if math.isfinite(start.chi2)]
     if not finite:
-        raise ValueError("starts: every run broke down, expected at least one that the scene can be simulated with.")
+        ended = " or ".join(sorted(set().union(*(words(target.model, start.began) for start in starts))))
+        wanted = "at least one start whose run is complete and has all observed quantities"
+        raise ValueError(f"starts: every run ended as {ended}, expected {wanted}.")
     best = min(finite, key=lambda start: start.chi2)
     r, jacobian = linearised(as_float(boxes.to_coordinates(best.ended, inside)), target)
     to_value = boxes.slopes(best.ended, inside)

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..base import status
 from ..base.arguments import require
@@ -30,6 +30,7 @@ from ..numerics import fourier
 from ..numerics.arrays import ScalarLike, VesiclePoints, as_float
 from ..runs.case import Case
 from ..stepping.march import AbstractMarch
+from ..stepping.marching import Result
 from .film_gauge import Gauge, gauge
 
 
@@ -147,8 +148,19 @@ class Model(eqx.Module):
             return self._of_run(values)
         return jax.vmap(lambda own: self._of_run({**values, **own}))(self.conditions)
 
+    def status(self, values: Mapping[str, Array]) -> Int[Array, "*C"]:
+        """Returns the status of the run, or of each of the C runs, with these unknowns."""
+        if self.numbers is not None:
+            values = self.numbers(values)
+        if self.conditions is None:
+            return self._run(values).status
+        return jax.vmap(lambda own: self._run({**values, **own}).status)(self.conditions)
+
+    def _run(self, values: Mapping[str, ScalarLike]) -> Result:
+        return Case(self.scene_file).simulate(values, t_end=self.t_end, saves=self.saves, march=self.march)
+
     def _of_run(self, values: Mapping[str, ScalarLike]) -> dict[str, Float[Array, "T ..."]]:
-        result = Case(self.scene_file).simulate(values, t_end=self.t_end, saves=self.saves, march=self.march)
+        result = self._run(values)
         complete = result.status == status.COMPLETE
         found = {name: jnp.where(complete, value, jnp.nan) for name, value in result.diagnostics.items()}
         if self.directions:
@@ -181,6 +193,17 @@ def _conditions(scene_file: SceneFile, observations: Observations) -> dict[str, 
     for run in range(count):
         check_numbers(scene_file, {name: float(values[run]) for name, values in found.items()})
     return {name: as_float(values) for name, values in found.items()}
+
+
+@eqx.filter_jit
+def _status(model: Model, values):
+    return model.status(values)
+
+
+def words(model: Model, values: Mapping[str, float]) -> set[str]:
+    """Returns the status words of the runs with these unknowns."""
+    codes = _status(model, {name: as_float(value) for name, value in values.items()})
+    return {status.WORDS[int(code)] for code in np.ravel(codes)}
 
 
 @eqx.filter_jit

@@ -41,11 +41,12 @@ WORDS = {
 }
 
 ADVICE = {
-    "running": "The process that wrote this file has ended. All saved times are kept: continue with --resume.",
+    "running": "The process that wrote this file has ended. All saved times are kept: "
+    "continue with resume=True (--resume).",
     "complete": "",
     "steady": "The stop condition was met: no shape changes faster than the limit.",
     "class reached": "The stop condition was met.",
-    "interrupted": "All saved times are kept: continue with --resume.",
+    "interrupted": "All saved times are kept: continue with resume=True (--resume).",
     "unresolved": "The nodes no longer resolve the shape, the potential or a film between membranes: use more nodes, "
     "and for a film a lower tolerance.",
     "drift": "Area or perimeter are not conserved: use a lower tolerance or a smaller time step. "
@@ -57,7 +58,7 @@ ADVICE = {
     "step underflow": "The time step fell below its limit, so the tolerance cannot be met: "
     "use more nodes or a larger tolerance.",
     "too many steps": "The limit on the number of steps was reached: "
-    "use a larger tolerance, or continue with --resume.",
+    "use a larger tolerance, or continue with resume=True (--resume).",
     "not finite": "A value overflowed: use a smaller step, or `tolerance` instead of `time_step`.",
     "inaccurate": "The run reached its end, but its error estimates leave less than one correct digit: use more nodes "
     "and a lower tolerance. The certificate names the largest error.",

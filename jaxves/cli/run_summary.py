@@ -15,7 +15,7 @@ from rich.table import Table
 from ..base import status
 from ..geometry.outlines import measured
 from ..observables import classes, pair_classes
-from ..observables.certificate import certificate, weakest
+from ..observables.certificate import Link, certificate, weakest
 from ..observables.rotor import threshold_of
 from ..observables.shear_motion import Motion, is_sheared, motion_of
 from ..observables.wrinkles import missed_wrinkles
@@ -60,7 +60,7 @@ def brief(record: Record, path: Path, session: Session) -> Iterator[RenderableTy
     if len(record.t) == 0:
         return
     yield from _motion(record)
-    yield from _accuracy(record)
+    yield from _accuracy(record, certificate(record.diagnostics, record.attributes.get("error")))
     if warning := _missed_wrinkles(record):
         yield warning
     yield f"`jaxves show {path}` prints more, `jaxves plot {path}` draws figures."
@@ -71,11 +71,11 @@ def summary(record: Record, path: Path) -> Iterator[RenderableType]:
     yield from _ended(record, path)
     if len(record.t) == 0:
         return
+    links = certificate(record.diagnostics, record.attributes.get("error"))
     yield from _motion(record)
-    yield from _accuracy(record)
+    yield from _accuracy(record, links)
     yield from _hints(record, path)
     yield _quantities(record)
-    links = certificate(record.diagnostics, record.attributes.get("error"))
     yield "errors: " + ", ".join(f"{name} {link.value:.1e}" for name, link in links.items())
     for name, value in (record.averages or {}).items():
         yield f"average {name}: {value.tolist()}"
@@ -112,8 +112,8 @@ def _ended(record: Record, path: Path, session: Session | None = None) -> Iterat
         rows = f"{len(record.t)} of {record.attributes['saves']} saved times"
         yield f"{path}: running, written by {who}, at t = {record.t[-1]:.6g} so far with {rows}"
     else:
-        # The time is unknown for a killed run and for a result that Python saved.
-        wall = np.nan if running else session.seconds if session else record.attributes["wall_time"]
+        # The time is unknown for a result that Python saved. That of a killed run ends with its last saved times.
+        wall = session.seconds if session else record.attributes["wall_time"] or np.nan
         seconds = "" if np.isnan(wall) else f" after {wall:.1f} s"
         yield f"{path}: {word} at t = {record.t[-1]:.6g}{seconds}. {advice}".rstrip()
     if session and session.before is not None and len(session.before):
@@ -171,8 +171,7 @@ def _still_changing(record: Record) -> str:
     return f" at t_end, still changing (in as much time again, by {change:.2g} in D at its last rate)"
 
 
-def _accuracy(record: Record) -> Iterator[str]:
-    links = certificate(record.diagnostics, record.attributes.get("error"))
+def _accuracy(record: Record, links: dict[str, Link]) -> Iterator[str]:
     weak = weakest(links)
     yield f"About {max(links[weak].digits, 0):.1f} correct digits; the weakest link is {weak}: {links[weak].long_name}"
     if "error" in record.attributes:

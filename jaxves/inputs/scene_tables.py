@@ -182,9 +182,9 @@ class NumericsTable(Table):
 
     By default `nodes` is "auto" in a run and 64 in all other uses, whose nodes are fixed. "auto" starts with the
     fewest of 64, 96, 128, 192 and 256 nodes that resolve the starting curves: the top of their spectra is below
-    1e-6 of the largest mode. A compressed membrane starts with as many as its wrinkles need
-    (`runs/first_nodes.py`), up to 2048. Then the number, which `/nodes` has, is adapted (`runs/adapt_nodes.py`).
-    Rows are stored with the largest number that the run may use, 256 unless wrinkles need more.
+    1e-6 of the largest mode. A compressed membrane starts with as many as its wrinkles need, up to 2048. The number
+    is adapted during the run; the result has it in `/nodes`. Rows are stored with the largest number that the run may
+    use, 256 unless wrinkles need more.
 
     `method = "auto"` is "ark4". For a tolerance below 3e-6, or below 3e-5 with several vesicles, it is "ark5".
 
@@ -192,8 +192,8 @@ class NumericsTable(Table):
     only if they are close. "auto" chooses by size. `neighbours` is its room for close pairs, per vesicle on average;
     "crowded" if more is needed. Fast sums are accurate to 0.01 `tolerance`, 1e-12 to 1e-6, and their systems to 0.1.
 
-    `certify` makes a second run with other nodes and steps (`runs/error_estimate.py`) to estimate the error of the
-    whole run. That takes about a third of the time of the run, and several times as long if it is poorly resolved.
+    `certify` makes a second run with other nodes and steps to estimate the error of the whole run. That takes about a
+    third of the time of the run, and several times as long if it is poorly resolved.
     """
 
     nodes: NodeCount | None = None  # "auto" in a run, otherwise 64: `uses.for_use`

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..base.arguments import refusal
+from ..base.own_functions import require_returned
 from .quantities import QUANTITIES
 from .rows import Row
 
@@ -41,14 +42,14 @@ def observed(observables: Observables, rows: Row) -> dict[str, Array]:
     """Returns the values of the functions at every saved time, (T,) or (T, M).
 
     Raises:
-        ValueError: a function does not give one number, or one for each vesicle.
+        ValueError: JAX cannot trace a function, or it does not return one number, or one for each vesicle.
     """
     M = rows.x.shape[1]
-    found = {}
+    row = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), rows)
     for name, function in observables.items():
-        values = jax.lax.map(lambda row, function=function: jnp.asarray(function(row)), rows)
-        if values.shape[1:] not in ((), (M,)) or not jnp.issubdtype(values.dtype, jnp.number):
-            shape = f"values of shape {values.shape[1:]}"
-            raise refusal(f"observables[{name!r}]", shape, f"one number, or one for each of {M} vesicles")
-        found[name] = values.astype(float)
-    return found
+        expected = f"a function of a row in JAX that returns one number, or an array with one for each of {M} vesicles"
+        require_returned(f"observables[{name!r}]", function, row, shapes=[(), (M,)], expected=expected)
+    return {
+        name: jax.lax.map(lambda row, function=function: jnp.asarray(function(row), float), rows)
+        for name, function in observables.items()
+    }

@@ -32,8 +32,8 @@ from ..numerics.arrays import (
     as_float,
     optional_float,
 )
-from .point_functions import OwnFunction, at_points, require_without
-from .waveform import AC, AbstractHistory
+from .point_functions import OwnFunction, at_points, require_vector, require_without
+from .waveform import AC, AbstractHistory, require_history
 
 _PER_VESICLE = tuple(number.per_vesicle for number in PER_VESICLE)
 
@@ -56,14 +56,16 @@ class FieldFunction(OwnFunction):
     function returns. A pulse shorter than `t_end`/1000 has to be stated there, or a step may pass over it.
 
     Raises:
-        ValueError: the function does not return two numbers, or has a divergence or a curl at one of a few points.
+        ValueError: JAX cannot trace the function, as with a Python `if` on the time; it does not return one array (2,);
+            or it has a divergence or a curl at one of a few points.
     """
 
     def __check_init__(self):
+        require_vector("E_inf", self.function, "field", "E")
         self.require_breakpoints("E_inf")
         if is_known(self.arrays):
             harmonic = "the gradient of a harmonic potential, which has neither divergence nor curl"
-            require_without("E_inf", self.function, "field", "E", divergence=harmonic, curl=harmonic)
+            require_without("E_inf", self.function, divergence=harmonic, curl=harmonic)
 
 
 def component(vectors: VesiclePoints | NodePoints, E: Float[Array, "*batch 2"]) -> Float[Array, "*batch_out"]:
@@ -109,8 +111,8 @@ class Field(Bounded):
         for name in _PER_VESICLE:
             if getattr(self, name).ndim != 1 or getattr(self, name).shape != self.conductivity_ratio.shape:
                 raise refusal(f"Field.{name}", getattr(self, name), "one number for each vesicle, (M,)")
-        if not isinstance(self.history, AbstractHistory | None):
-            raise refusal("Field.history", self.history, "a factor of time, such as Pulse(0.0, 1.0, 1e-3), or None")
+        if self.history is not None:
+            require_history("Field.history", self.history, "Pulse(0.0, 1.0, 1e-3), or None")
         if self.direction.shape != (2,) or (is_known(self.direction) and not np.any(np.asarray(self.direction))):
             raise refusal("Field.direction", self.direction, "two finite numbers, not both zero")
         if self.function is not None:

@@ -15,8 +15,8 @@ from ..base.arguments import Bounded, is_known, refusal, require
 from ..base.bounds import FINITE
 from ..base.physical_numbers import CAPILLARY_NUMBER, HALF_WIDTH
 from ..numerics.arrays import Scalar, ScalarLike, VesiclePoints, as_float
-from .point_functions import OwnFunction, at_points, require_without
-from .waveform import AbstractHistory
+from .point_functions import OwnFunction, at_points, require_vector, require_without
+from .waveform import AbstractHistory, require_history
 
 
 class AbstractFlow(Bounded):
@@ -182,16 +182,17 @@ class FlowFunction(OwnFunction, AbstractFlow):
     function returns. A pulse shorter than `t_end`/1000 has to be stated there, or a step may pass over it.
 
     Raises:
-        ValueError: the function does not return two numbers, or it has a divergence at one of a few points.
+        ValueError: JAX cannot trace the function, as with a Python `if` on the time; it does not return one array (2,);
+            or it has a divergence at one of a few points.
     """
 
     bounds: ClassVar = {}
 
     def __check_init__(self):
+        require_vector("flow", self.function, "velocity", "v")
         self.require_breakpoints("flow")
         if is_known(self.arrays):
-            incompressible = "a divergence-free flow, as the fluid is incompressible"
-            require_without("flow", self.function, "velocity", "v", divergence=incompressible)
+            require_without("flow", self.function, divergence="a divergence-free flow, as the fluid is incompressible")
 
     def velocity(self, x, t):
         return at_points(self.function, x, t)
@@ -214,8 +215,7 @@ class TimeDependent(AbstractFlow):
     def __check_init__(self):
         if not isinstance(self.flow, AbstractFlow):
             raise refusal("TimeDependent.flow", self.flow, "a flow, such as Shear(10.0)")
-        if not isinstance(self.history, AbstractHistory):
-            raise refusal("TimeDependent.history", self.history, "a factor of time, such as Sine(5.0)")
+        require_history("TimeDependent.history", self.history, "Sine(5.0)")
 
     def is_within_bounds(self):
         return self.flow.is_within_bounds() & self.history.is_within_bounds()

@@ -5,7 +5,7 @@ their kinks, where steps end. A function of the user's own can state them as wel
 from samples at equally spaced times, so that no step passes over a large part of all that changes.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -16,6 +16,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..base.arguments import is_known, refusal
+from ..base.own_functions import number, require_returned
 from ..numerics.arrays import ScalarLike, VesiclePoints, as_float
 from .waveform import later
 
@@ -86,34 +87,36 @@ def at_points(function: PointFunction, x: Float[Array, "*batch 2"], t: ScalarLik
     return jnp.reshape(jax.vmap(function, in_axes=(0, None))(points, t), x.shape)
 
 
-def require_without(argument: str, function: PointFunction, kind: str, symbol: str, **sums: str) -> None:
-    """Raises ValueError unless `function` gives two numbers, and sums of its derivatives vanish at a few points.
+def require_vector(argument: str, function: PointFunction, kind: str, symbol: str) -> None:
+    """Raises ValueError unless JAX can trace `function`, and it returns two numbers for one point and a time.
 
     Args:
         argument: its name in the message.
         function: the function of one point (2,) and the time.
         kind: what it gives, such as "velocity".
         symbol: the letter for it, such as "v".
+    """
+    returned = f"that returns the {kind} there as one array (2,), such as jax.numpy.array([{symbol}_x, {symbol}_y])"
+    expected = f"a function {symbol}(x, t) in JAX of one point (2,) {returned}"
+    require_returned(argument, function, number(2), number(), shapes=[(2,)], expected=expected)
+
+
+def require_without(argument: str, function: PointFunction, **sums: str) -> None:
+    """Raises ValueError unless sums of the derivatives of `function` vanish at a few points.
+
+    Args:
+        argument: its name in the message.
+        function: a function that `require_vector` accepts.
         sums: "divergence" or "curl", with what is expected of a function that has none.
     """
-    for t, points, gradient in _gradients(argument, function, kind, symbol):
+    for t in (0.0, 0.37):
+        with jax.ensure_compile_time_eval():  # a scene may be made in a function that is being compiled
+            gradient = jax.vmap(jax.jacfwd(function), in_axes=(0, None))(jnp.array(_POINTS), jnp.asarray(t))
+        gradient = np.asarray(gradient)
         for name, expected in sums.items():
             parts = gradient if name == "divergence" else gradient[:, :, ::-1] * np.array([[1.0], [-1.0]])
             found = np.abs(np.trace(parts, axis1=1, axis2=2))
             worst = int(np.argmax(found))
             if not np.all(found <= 1e-8 * (1 + np.abs(gradient).max())):
-                where = f"{name} {found[worst]:.3g} at x = {list(points[worst])}, t = {t}"
+                where = f"{name} {found[worst]:.3g} at x = {list(_POINTS[worst])}, t = {t}"
                 raise refusal(argument, where, expected)
-
-
-def _gradients(argument, function, kind, symbol) -> Iterator[tuple[float, tuple, np.ndarray]]:
-    """Yields times, points (4, 2) and the derivatives (4, 2, 2) of the function there."""
-    for t in (0.0, 0.37):
-        try:
-            with jax.ensure_compile_time_eval():  # a scene may be made in a function that is being compiled
-                gradient = jax.vmap(jax.jacfwd(function), in_axes=(0, None))(jnp.array(_POINTS), jnp.asarray(t))
-        except (TypeError, IndexError) as error:
-            raise refusal(argument, error, f"a function {symbol}(x, t) in JAX of one point (2,)") from None
-        if gradient.shape != (4, 2, 2):
-            raise refusal(argument, f"a function with values {gradient.shape[1:-1]}", f"the {kind} of one point, (2,)")
-        yield t, _POINTS, np.asarray(gradient)

@@ -1,7 +1,7 @@
 """Time dependence of the imposed field: a factor on E_∞, which is 1 for a constant field."""
 
 import abc
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..base.arguments import Bounded, is_known, refusal
 from ..base.bounds import FINITE
+from ..base.own_functions import number, require_returned
 from ..base.physical_numbers import AMPLITUDE, DURATION, FREQUENCY, OFFSET, PHASE, RISE, START
 from ..numerics.arrays import Scalar, as_float
 
@@ -37,6 +38,20 @@ class AbstractHistory(Bounded):
     def period(self) -> Scalar | None:
         """Returns the period of the factor in units of t_κ, None if it has none."""
         return None
+
+
+def require_history(argument: str, history: Any, example: str) -> None:
+    """Raises ValueError unless `history` is a factor of time, of the built-in ones or of the user's own.
+
+    Args:
+        argument: its name in the message.
+        history: the factor.
+        example: what is expected, such as "Sine(5.0)".
+    """
+    if not isinstance(history, AbstractHistory):
+        raise refusal(argument, history, f"a factor of time, such as {example}")
+    expected = "a factor of time in JAX that returns one number for the time t"
+    require_returned(argument, history.__call__, number(), shapes=[()], expected=expected)
 
 
 class Pulse(AbstractHistory):

@@ -30,6 +30,16 @@ class StoreError(Exception):
     """A result file cannot be written or read. The message is one line that names the file."""
 
 
+def refuse_existing(path: Path, force: bool, *, resumable: bool = False) -> None:
+    """Raises StoreError if the file exists, unless `force`. `resumable` says whether the caller can also continue it.
+
+    The message has the words of Python and of the command line, as both end here.
+    """
+    if path.exists() and not force:
+        other = " or continue it with resume=True (--resume)" if resumable else ""
+        raise StoreError(f"{path} exists already: replace it with force=True (--force on the command line){other}.")
+
+
 class Description(NamedTuple):
     """A description of a dataset: units, name in words, and axes, of which the first is "t"."""
 

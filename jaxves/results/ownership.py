@@ -69,7 +69,7 @@ def refuse_written(path: str | os.PathLike) -> None:
 
 
 def _taken(path: Path, who: str) -> StoreError:
-    return StoreError(f"{path} is being written by another run ({who}): wait for it, stop it, or choose another --out.")
+    return StoreError(f"{path} is being written by another run ({who}): wait for it, stop it, or choose another file.")
 
 
 def writer_of(path: Path) -> str | None:
@@ -97,7 +97,9 @@ def check_in_place(file: h5py.File, path: Path) -> None:
     file.flush()
     kept = _copied(descriptor, path)
     what = "replaced" if path.exists() else "removed"
-    raise LostFile(f"{path} was {what} while it was written: {kept} holds what was computed, --resume continues it.")
+    raise LostFile(
+        f"{path} was {what} while it was written: {kept} holds what was computed. Resume it (resume=True, --resume)."
+    )
 
 
 def _lock_of(path: Path) -> Path:

@@ -27,7 +27,6 @@ from . import restart
 from .hdf5 import (
     Description,
     OpenFile,
-    StoreError,
     create_average,
     create_datasets,
     delete_averages,
@@ -35,6 +34,7 @@ from .hdf5 import (
     link_scales,
     named_errors,
     opened,
+    refuse_existing,
     replacing,
 )
 from .ownership import check_in_place
@@ -71,8 +71,7 @@ class Writer(OpenFile):
         force: bool = False,
     ):
         path = Path(path)
-        if path.exists() and not force:
-            raise StoreError(f"{path} exists already: use --force to replace it.")
+        refuse_existing(path, force)
         sizes = {"t": len(times), "vesicle": vesicles, "node": nodes, "xy": 2, "ab": 2}
         root = {
             "schema_version": SCHEMA_VERSION,
@@ -93,6 +92,7 @@ class Writer(OpenFile):
             for slot in restart.SLOTS:
                 restart.create_slot(file, slot, restart.packed({}))
         self._open(path)
+        self._seconds_before = 0.0
 
     def _open(self, path: Path) -> None:
         self.path = path
@@ -102,12 +102,13 @@ class Writer(OpenFile):
         self._rows = histories(self._file)
         self._valid, self._free = restart.slots(self._file)
 
-    def append(self, block: dict[str, np.ndarray], leaves: dict[str, np.ndarray]) -> None:
+    def append(self, block: dict[str, np.ndarray], leaves: dict[str, np.ndarray], wall_time: float = 0.0) -> None:
         """Adds saved times together with the restart state. They are in the file when this returns.
 
         Args:
             block: all datasets, each with the new saved times as its first axis.
             leaves: the arrays of the state after the last of these times; {} for a run that cannot be continued.
+            wall_time: seconds of this part of the run so far, which the file keeps if the process is killed.
 
         Raises:
             ValueError: names or shapes are not those of the file.
@@ -125,6 +126,7 @@ class Writer(OpenFile):
                 dataset[self.saved : saved] = block[name]
             if leaves:
                 self._free["state"][...] = state
+            self._file.attrs.modify("wall_time", self._seconds_before + wall_time)
             self._free.attrs.modify("saved", saved)
             self._file.flush()
             self._file.attrs.modify("saved", saved)
@@ -176,7 +178,7 @@ class Writer(OpenFile):
                 _certify(file, links)
             if error is not None:
                 file.attrs["error"] = error
-            file.attrs.update(status=status, advice=advice, wall_time=file.attrs["wall_time"] + wall_time)
+            file.attrs.update(status=status, advice=advice, wall_time=self._seconds_before + wall_time)
 
     def _checked_count(self, block) -> int:
         if block.keys() != self._rows.keys():
@@ -230,6 +232,7 @@ def resume(path: str | os.PathLike, scene_text: str, times: np.ndarray) -> Write
             _reopen(file, scene_text, times)
     writer = Writer.__new__(Writer)
     writer._open(path)
+    writer._seconds_before = float(writer._file.attrs["wall_time"])
     return writer
 
 

@@ -26,8 +26,8 @@ SCHEMA_VERSION = 1
 PENDING, AGAIN, REFUSED, SKIPPED = "pending", "again", "refused", "skipped"
 DUE = (PENDING, AGAIN)
 _EXPLAINED = {
-    PENDING: "not computed yet; continue with --resume",
-    AGAIN: "needs more steps and waits for the second pass; continue with --resume",
+    PENDING: "not computed yet; continue with resume=True (--resume)",
+    AGAIN: "needs more steps and waits for the second pass; continue with resume=True (--resume)",
     SKIPPED: "not computed, because its cell was not refined",
 }
 

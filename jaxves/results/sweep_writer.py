@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from ..inputs.sweep_files import Plan, to_toml
-from .hdf5 import OpenFile, StoreError, datasets_below, link_scales, named_errors, replacing
+from .hdf5 import OpenFile, datasets_below, link_scales, named_errors, refuse_existing, replacing
 from .ownership import check_in_place
 from .sweep_store import AGAIN, DUE, PENDING, REFUSED, SCHEMA_VERSION, Variable, open_sweep
 
@@ -58,8 +58,7 @@ class SweepWriter(OpenFile):
         Raises:
             StoreError: the file exists and `force` is not set, or it cannot be written.
         """
-        if path.exists() and not force:
-            raise StoreError(f"{path} exists already: use --force to replace it.")
+        refuse_existing(path, force)
         with named_errors("write", path), replacing(path) as file:
             file.attrs.update(
                 {

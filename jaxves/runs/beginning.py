@@ -63,9 +63,10 @@ def new(
     start: str | Path | None,
     at: float | None,
     observables: Observables | None,
+    began: float,
     progress: Told,
 ) -> Begun:
-    """Begins a new run and writes its first row. The arguments are those of `runner.run`."""
+    """Begins a new run and writes its first row. The arguments are those of `runner.run`; `began` is that of `Rows`."""
     case, (scene, origin, failed) = Case(scene_file), _started(scene_file, start, at, progress)
     progress(0.0, "compiling")
     scene, resolution, state, row = first_row(case, scene)
@@ -83,13 +84,13 @@ def new(
         force=force,
     )
     given = {_START: scene.x} | ({} if scene.V_m is None else {_START_V_m: scene.V_m})
-    rows = Rows(writer, None if failed else {name: np.asarray(leaf) for name, leaf in given.items()})
+    rows = Rows(writer, None if failed else {name: np.asarray(leaf) for name, leaf in given.items()}, began)
     rows.add(row, state)
     rows.write()
     return Begun(resolution, state, rows, failed)
 
 
-def continued(scene_file: SceneFile, path: Path, observables: Observables | None) -> Begun:
+def continued(scene_file: SceneFile, path: Path, observables: Observables | None, began: float) -> Begun:
     """Returns the run in the file, after its last row.
 
     The starting shapes come from the file, so that vesicles are not relaxed again.
@@ -110,7 +111,7 @@ def continued(scene_file: SceneFile, path: Path, observables: Observables | None
     problem = strengthened(problem_of(Case(scene_file), scene))
     state = restored(problem.state, leaves, path)
     # Until here the file is unchanged, also after an error or an interrupt.
-    rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start)
+    rows = Rows(run_writer.resume(path, to_toml(scene_file), saved_times(scene_file)), start, began)
     rows.remember(record.diagnostics)
     rows.state = state
     return Begun(resolution_of(scene_file, problem, record.x.shape[2]), rows.state, rows)

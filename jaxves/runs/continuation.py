@@ -63,7 +63,8 @@ def _check_scene(path: Path, old: SceneFile, new: SceneFile) -> None:
         verb = "differs" if len(keys) == 1 else "differ"
         raise StoreError(
             f"{path} holds another scene, in which {named} {verb}: a run is resumed with its own scene, expected the "
-            "same values of all keys but t_end and saves, which may grow. Or start anew, with --force or another file."
+            "same values of all keys but t_end and saves, which may grow. Or start anew, with force=True (--force) or "
+            "another file."
         )
     spacing = _spacing(old)
     if _spacing(new) == spacing and new.saves >= old.saves:

@@ -40,7 +40,7 @@ def restored(template: State, leaves: dict[str, np.ndarray], path: Path) -> Stat
         other = ", ".join(sorted({*leaves} ^ {*names}))
         raise StoreError(
             f"{path} holds a state of jaxves {found}, which has other parts ({other}) than this version continues from:"
-            " continue it with that version, or start from its end with --from."
+            " continue it with that version, or start from its end with start= (--from)."
         )
     state = jax.tree.unflatten(jax.tree.structure(template), [jnp.asarray(leaves[name]) for name in names])
     if int(state.status) != status.TOO_MANY_STEPS:
@@ -54,14 +54,15 @@ def restored(template: State, leaves: dict[str, np.ndarray], path: Path) -> Stat
 class Rows:
     """A buffer of rows. They are written to the file from time to time, with the state after the last row.
 
-    `start` is None for a run that cannot be continued.
+    `start` is None for a run that cannot be continued. `began` is when this part of the run began (`perf_counter`).
     """
 
     state: State
 
-    def __init__(self, writer: Writer, start: dict[str, np.ndarray] | None):
+    def __init__(self, writer: Writer, start: dict[str, np.ndarray] | None, began: float):
         self.writer = writer
         self.start = start
+        self._began = began
         self._classified: dict[str, list[np.ndarray]] = {}  # the diagnostics of all rows from which classes follow
         self._waiting: list[Row] = []
         self._written = time.perf_counter()
@@ -91,6 +92,6 @@ class Rows:
             rows = datasets_of(jax.tree.map(lambda *parts: np.concatenate(parts), *self._waiting))
             block = {name: rows[name] for name in self.writer.names}
             restart = {} if self.start is None else named(self.state) | self.start
-            self.writer.append(block, restart)
+            self.writer.append(block, restart, time.perf_counter() - self._began)
             self._waiting = []
         self._written = time.perf_counter()

@@ -84,12 +84,11 @@ def run(
     with writing(path):
         if resume and is_done(path, scene_file):
             return run_store.read_result(path).status
-        if not resume and not force and path.exists():
-            raise hdf5.StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
         if resume:
-            begun = continued(scene_file, path, observables)
+            begun = continued(scene_file, path, observables, began)
         else:
-            begun = new(scene_file, path, force, start, at, observables, told)
+            hdf5.refuse_existing(path, force, resumable=True)
+            begun = new(scene_file, path, force, start, at, observables, began, told)
         return _carried_out(scene_file, begun, observables, began, told)
 
 

@@ -136,15 +136,14 @@ def simulate(
     _check_kinds(scene, march, checks)
     _check_times(t_end, saves, times)
     _check_average(average, t_end, times)
-    require_observables(observables)
     average = None if average is None else as_float(average)
     saved = (as_float(t_end), 50 if saves is None else saves) if times is None else as_float(times)
     options = dict(filter=filter, solver=solver, coupling=coupling, refinement=refinement, keep_symmetry=keep_symmetry)
-    result = dataclasses.replace(_simulated(scene, saved, march, average, checks, options), scene=scene)
-    if not observables:
-        return result
-    found = observed(observables, result.rows())
-    return dataclasses.replace(result, diagnostics=result.diagnostics | found)
+    arguments = scene, saved, march, average, checks, options
+    _check_observables(observables, arguments)
+    result = _simulated(*arguments)
+    found = observed(observables, result.rows()) if observables else {}
+    return dataclasses.replace(result, scene=scene, diagnostics=result.diagnostics | found)
 
 
 def _check_kinds(scene, march, checks) -> None:
@@ -152,6 +151,13 @@ def _check_kinds(scene, march, checks) -> None:
     for name, (value, kind) in kinds.items():
         if not isinstance(value, kind):
             raise refusal(name, value, f"a {kind.__name__.removeprefix('Abstract')}")
+
+
+def _check_observables(observables: Observables | None, arguments: tuple) -> None:
+    """Refuses functions that cannot be used, before anything is compiled."""
+    require_observables(observables)
+    if observables:
+        eqx.filter_eval_shape(lambda *given: observed(observables, _simulated(*given).rows()), *arguments)
 
 
 def _check_times(t_end, saves, times) -> None:

@@ -26,7 +26,7 @@ from ..inputs.sweep_tables import SweepFile
 from ..observables import quantities
 from ..observables.classes import NAMES
 from ..results import sweep_store
-from ..results.hdf5 import StoreError
+from ..results.hdf5 import StoreError, refuse_existing
 from ..results.ownership import LostFile, real, writing
 from ..results.sweep_store import AGAIN, DUE, PENDING, SKIPPED, SweepRecord, Variable
 from ..results.sweep_writer import SweepWriter
@@ -112,8 +112,8 @@ def sweep(
     with writing(path) if processes.is_first() else nullcontext():
         if resume:
             _check_resumable(path, plan)
-        elif processes.is_first() and path.exists() and not force:
-            raise StoreError(f"{path} exists already: use --force to replace it or --resume to continue it.")
+        elif processes.is_first():
+            refuse_existing(path, force, resumable=True)
         began = time.perf_counter()
         progress(0, len(plan.values) - len(plan.refused), "compiling")
         batches = Batches(source, plan.names, _devices(devices), _method(method), _count("batch", batch))
