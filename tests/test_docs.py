@@ -1,6 +1,7 @@
 """The website can be built, its references are complete, and the package says who to cite."""
 
 import os
+import pickle
 import pydoc
 import re
 import runpy
@@ -10,6 +11,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from sphinx.search import IndexBuilder
 
 import jaxves
 from jaxves.base import physical_numbers
@@ -26,6 +28,30 @@ def test_the_website_is_built_without_a_warning(tmp_path):
     quiet = os.environ | {"PYTHONWARNINGS": "ignore"}
     found = subprocess.run([*command, ".", str(tmp_path)], cwd=ROOT, env=quiet, capture_output=True, text=True)
     assert found.returncode == 0, found.stderr
+    symbols = symbols_of_the_glossary()
+    assert len(symbols) > 40 and found_by_search(tmp_path / ".doctrees", "glossary", symbols) == symbols
+    assert found_by_search(tmp_path / ".doctrees", "glossary", ["ξ", "length scale"]) == ["length scale"]
+
+
+def symbols_of_the_glossary() -> list[str]:
+    """Returns the symbols of the paper. The length "a" is left out: no search finds an article; its name is found."""
+    rows = re.findall(r"^\| ([^|]+) \|", (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8"), re.MULTILINE)
+    symbols = [symbol.strip() for row in rows[2:] for symbol in row.replace("\\", "").split(",")]
+    return [symbol for symbol in symbols if symbol != "a"]
+
+
+def found_by_search(doctrees: Path, page: str, queries: list[str]) -> list[str]:
+    """Returns the queries with which the search of the website finds a page: all their words are in its index."""
+    with open(doctrees / "environment.pickle", "rb") as file:
+        index = IndexBuilder(pickle.load(file), "en", {}, "")
+    with open(doctrees / "docs" / f"{page}.doctree", "rb") as file:
+        index.feed(page, f"{page}.md", page, pickle.load(file))
+    known = {word for words in (index._mapping, index._title_mapping) for word in words if page in words[word]}
+    words = {
+        query: [w.lower() for w in re.findall(r"\w+", query) if w.lower() not in index.lang.stopwords]
+        for query in queries
+    }
+    return [query for query in queries if words[query] and {index.lang.stem(word) for word in words[query]} <= known]
 
 
 def test_the_references_have_every_key_quantity_command_and_name():
