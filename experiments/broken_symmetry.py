@@ -23,7 +23,6 @@ from ._sweeps import TOY, listed, swept
 
 DISTURBANCES = (0.0, 1e-6, 1e-3)
 QUICK = dict(areas=(0.9,), strengths=(5.0,), conductances=(0.0,), disturbances=(0.0, 1e-3), nodes=32, folder=TOY)
-_SIZES = (150, 55, 14)  # of marks, by disturbance
 COLORS = {"P": "C0", "O": "C1", "POP": "C2", "open": "0.6"}
 
 
@@ -66,28 +65,28 @@ def run(
 
 @styled
 def draw(found) -> Figure:
-    """Draws classes over β and G: squares for the symmetric start, dots for the others, crosses for failed runs."""
+    """Draws the classes over β and G, one column of panels for each Δ and one row for each start."""
     rows = found["by area"]
-    figure = Figure(figsize=(run_plots.PAGE, 2.6), layout="constrained")
-    seen = set()
-    for ax, (area, by_disturbance) in zip(figure.subplots(1, len(rows), squeeze=False)[0], rows.items(), strict=True):
-        for (disturbance, row), size in zip(by_disturbance.items(), _SIZES, strict=False):
+    starts = list(next(iter(rows.values())))
+    figure = Figure(figsize=(run_plots.PAGE, 0.6 + 1.6 * len(starts)), layout="constrained")
+    panels = figure.subplots(len(starts), len(rows), squeeze=False, sharex=True, sharey=True)
+    seen = {}
+    for column, (area, by_disturbance) in zip(panels.T, rows.items(), strict=True):
+        for ax, disturbance in zip(column, starts, strict=True):
+            row = by_disturbance[disturbance]
             for beta, classes, words in zip(found["strengths"], row["classes"], row["status"], strict=True):
                 for G, word, ended in zip(found["conductances"], classes, words, strict=True):
                     good = word in COLORS and ended in status.SUCCESS
-                    marker = ("s" if disturbance == 0 else "o") if good else "X"
-                    label = word if good else "broke down"
-                    color = COLORS[word] if good else "black"
-                    ax.scatter(beta, G, s=size, c=color, marker=marker, linewidths=0.6, edgecolors="white",
-                               label=None if label in seen else label)  # fmt: skip
-                    seen.add(label)
-        ax.set(xlabel=r"$\beta$", ylabel="$G$", title=rf"$\Delta = {area:g}$")
-        ax.margins(0.12)
-    sizes = zip(next(iter(rows.values())), _SIZES, strict=False)
-    for disturbance, size in sizes:
-        label = f"moved by {disturbance:g}" if disturbance else "symmetric start"
-        ax.scatter([], [], s=size, c="0.8", marker="o" if disturbance else "s", edgecolors="black", label=label)
-    figure.legend(loc="outside upper center", ncols=7)
+                    label, color = (word, COLORS[word]) if good else ("broke down", "black")
+                    marker = "s" if good else "x"
+                    seen[label] = ax.scatter(beta, G, s=45 if good else 20, c=color, marker=marker, linewidths=1.0)
+            ax.margins(0.12)
+        column[0].set_title(rf"$\Delta = {area:g}$")
+        column[-1].set_xlabel(r"field strength $\beta$")
+    for ax, disturbance in zip(panels[:, 0], starts, strict=True):
+        start = rf"moved by {disturbance:g} $a$" if disturbance else "symmetric start"
+        ax.set_ylabel(f"{start}\nconductance $G$")
+    figure.legend(seen.values(), seen, loc="outside upper center", ncols=5)
     return figure
 
 

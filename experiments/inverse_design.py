@@ -67,7 +67,7 @@ def draw(found) -> Figure:
     middle.plot([row[NAMES[0]] for row in path], [row[NAMES[1]] for row in path], "o-", ms=2)
     middle.plot(path[-1][NAMES[0]], path[-1][NAMES[1]], "k*", ms=9, label="found")
     middle.set(xlabel=r"conductivity ratio $\Lambda$", ylabel=r"field strength $\beta$")
-    middle.legend()
+    middle.legend(loc="lower right", frameon=True)
     for name, label in (("inclination", r"inclination $\theta$"), ("effective_viscosity", r"viscosity $[\mu]$")):
         right.semilogy([abs(row[name] / WANTED[name] - 1) for row in path], "o-", ms=2.5, label=label)
     right.set(xlabel="step of the search", ylabel="relative distance from the target")

@@ -15,6 +15,7 @@ import time
 import jax
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from jaxves.observables.checks import Checks
 from jaxves.plots import run_plots
@@ -86,13 +87,12 @@ def _errors(scene, t_end, method, sizes, best):
 @styled
 def draw(found) -> Figure:
     """Draws errors against steps, errors of area and length against steps, error against time; one row per scene."""
-    figure = Figure(figsize=(run_plots.PAGE, 2.3 * len(found)))
+    figure = Figure(figsize=(run_plots.PAGE, 2.3 * len(found) + 0.4), layout="constrained")
     for row, (name, methods) in zip(np.atleast_2d(figure.subplots(len(found), 3)), found.items(), strict=True):
-        for i, (method, table) in enumerate(m for m in methods.items() if m[0] != "reference"):
+        for i, table in enumerate(table for method, table in methods.items() if method != "reference"):
             steps = table["steps"]
             for part, style in zip(PARTS, ("-o", "--s", ":^"), strict=True):
-                label = method if part == "x" else None
-                row[0].loglog(steps, table[part], style, color=f"C{i}", ms=3, label=label)
+                row[0].loglog(steps, table[part], style, color=f"C{i}", ms=3)
             for kept, style in (("area", "-o"), ("length", "--s")):
                 row[1].loglog(steps, np.maximum(table[kept], 1e-16), style, color=f"C{i}", ms=3)
             row[2].loglog(table["seconds"], table["x"], "-o", color=f"C{i}", ms=3)
@@ -101,10 +101,13 @@ def draw(found) -> Figure:
             axes.set_xticks(steps[::2], [str(n) for n in steps[::2]])
             axes.minorticks_off()
         row[0].set(title=name, ylabel="largest error at the end", xlabel="steps")
-        row[1].set(title="— area   - - length", ylabel="relative error", xlabel="steps")
+        row[1].set(title="area and length", ylabel="relative error", xlabel="steps")
         row[2].set(title=r"error in $x$", xlabel="wall time (s)")
-        row[0].text(0.03, 0.03, r"— $x$   - - $V_m$   $\cdots\ \lambda$", transform=row[0].transAxes, fontsize=7)
-    figure.axes[2].legend(*figure.axes[0].get_legend_handles_labels(), loc="center right")
+    methods = [method for method in next(iter(found.values())) if method != "reference"]
+    handles = [Line2D([], [], color=f"C{i}", lw=2, label=method) for i, method in enumerate(methods)]
+    for label, style in ((r"$x$, or area", "-o"), ("$V_m$, or length", "--s"), (r"tension $\lambda$", ":^")):
+        handles += figure.axes[0].plot([], [], style, color="0.3", ms=3, label=label)
+    figure.legend(handles=handles, loc="outside upper center", ncols=6)
     return figure
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments import _common, _pairs
-from experiments.pairs import COLORS
 from jaxves.plots import run_plots
 
 OFFSETS, RATIOS = (10.0, 40.0, 60.0, 80.0), (0.1, 0.3, 0.5)
@@ -38,25 +37,21 @@ def run(offsets=OFFSETS, ratios=RATIOS, areas=AREAS, t_end=8.0, saves=80, nodes=
 
 
 def draw(found) -> Figure:
-    """Draws the angle of the line of centres against time for each Λ, and the final shapes for each Δ."""
+    """Draws the angle of the line of centres against time: for each Λ, above by offset angle and below by Δ."""
     ratios = sorted({key[1] for key in found})
-    areas = sorted({key[2] for key in found if key[0] == "area"})
-    figure = Figure(figsize=(run_plots.PAGE, 2.0 + 1.5 * len(areas)), layout="constrained")
-    axes = figure.subplots(1 + len(areas), len(ratios), squeeze=False)
+    figure = Figure(figsize=(run_plots.PAGE, 5.6), layout="constrained")
+    axes = figure.subplots(2, len(ratios), squeeze=False, sharex=True)
     for (kind, ratio, value), case in found.items():
-        column = axes[:, ratios.index(ratio)]
-        if kind == "offset":
-            column[0].plot(case["t"], case["angle"], label=f"{value:g}°: {case['class']}", lw=1.0)
-            column[0].set_title(rf"$\Lambda = {ratio:g}$")
-            continue
-        ax = column[1 + areas.index(value)]
-        run_plots.membranes(ax, case["x"][-1]).set(linewidth=1.0)
-        ax.set_title(rf"$\Delta = {value:g}$: {case['class']}, $t = {case['t'][-1]:.1f}$", color=COLORS[case["class"]])
-        ax.set(xlim=(-3.5, 3.5), ylim=(-3, 3), xticks=[], yticks=[])
-    for ax in axes[0]:
+        ax = axes[0 if kind == "offset" else 1, ratios.index(ratio)]
+        start = f"{value:g}°" if kind == "offset" else rf"$\Delta = {value:g}$"
+        word = "no class at the end" if case["class"] == "open" else case["class"]
+        ax.plot(case["t"], case["angle"], label=f"{start}: {word}", lw=1.0)
+    for ax, ratio in zip(axes[0], ratios, strict=True):
+        ax.text(0.5, 1.42, rf"$\Lambda = {ratio:g}$", transform=ax.transAxes, ha="center")
+    for ax in axes.flat:
         ax.axhline(90, color="0.7", lw=0.8, zorder=0)
         ax.set(xlabel=r"$t/t_\kappa$", ylabel="line of centres (degrees)")
-        ax.legend(fontsize="x-small")
+        ax.legend(fontsize="x-small", loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
 

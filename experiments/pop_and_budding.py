@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
 
 from jaxves import plots
 from jaxves.base import status
@@ -124,7 +125,6 @@ def run(cases=CASES, windows=WINDOWS, N=64, t_end=1.0, saves=50, after=(0.275, 0
     for beta, nodes, tolerance in cases:
         first = not found["necks"]
         neck, rows = budding(beta, nodes, tolerance, windows[beta], after=after if first else ())
-        neck["shape"] = rows["x"][np.nanargmin(np.abs(rows["t"] - neck["time"])), 0]
         found["necks"].append(neck)
         if first:
             found["budding"] = rows
@@ -139,28 +139,32 @@ def classes(found) -> dict[str, str]:
 
 @styled
 def draw_necks(necks) -> Figure:
-    """Draws neck width and tension against time, and the shapes with the narrowest neck; coarser cases are grey."""
-    figure = Figure(figsize=(run_plots.PAGE, 2.5))
-    left, middle, right = figure.subplots(1, 3)
+    """Draws the width of the neck and its tension against time; cases with at most 128 nodes are grey."""
+    figure = Figure(figsize=(run_plots.PAGE, 2.9), layout="constrained")
+    left, right = figure.subplots(1, 2)
     colors = {beta: f"C{i}" for i, beta in enumerate(sorted(PAPER))}
-    for neck in sorted(necks, key=lambda neck: (neck["beta"], -neck["N"])):
+    others = sorted({neck["beta"] for neck in necks if neck["N"] <= 128 and neck["beta"] not in PAPER})
+    for neck in sorted(necks, key=lambda neck: neck["beta"]):
         coarse = neck["N"] <= 128
         color = "0.7" if coarse else colors[neck["beta"]]
         style = dict(color=color, lw=0.7 if coarse else 1.2, zorder=1 if coarse else 2)
         left.plot(neck["t"], neck["width"], label=None if coarse else rf"$\beta = {neck['beta']:g}$", **style)
-        middle.plot(neck["t"], neck["neck_tension"], **style)
+        right.plot(neck["t"], neck["neck_tension"], **style)
         if not coarse:
             left.plot(neck["time"], neck["narrowest"], "o", color=color, ms=4)
-            left.axvline(neck["paper"], color=color, ls="--", lw=0.7)
-            middle.plot(neck["time"], neck["tension"], "o", color=color, ms=4)
-            outline = np.asarray(fourier.resample(jnp.asarray(neck["shape"]), 1024, axis=0))
-            right.plot(*np.concatenate([outline, outline[:1]]).T, color=color, lw=0.9)
+            left.axvline(neck["paper"], color=color, ls="--", lw=0.7, zorder=0)
+            right.plot(neck["time"], neck["tension"], "o", color=color, ms=4)
+    left.plot(
+        [], [], color="0.7", lw=0.7, label=rf"$\beta = {', '.join(f'{beta:g}' for beta in others)}$, $N \leq 128$"
+    )
+    left.plot([], [], "o", color="0.4", ms=4, label="narrowest")
+    left.plot([], [], color="0.4", ls="--", lw=0.7, label="narrowest in the paper")
     left.set(xlabel=r"$t/t_\kappa$", ylabel="width of the neck / $a$", ylim=(0, None))
-    left.set_title("dots: narrowest; dashed: paper")
-    left.legend()
-    middle.axhline(0, color="0.6", lw=0.6)
-    middle.set(xlabel=r"$t/t_\kappa$", ylabel=r"$\lambda$ in the neck ($\kappa_B/a^2$)")
-    right.set(aspect="equal", xlabel="$x/a$", ylabel="$y/a$", title="shapes at the saves nearest")
+    right.axhline(0, color="0.6", lw=0.6)
+    right.set(xlabel=r"$t/t_\kappa$", ylabel=r"tension $\lambda$ in the neck ($\kappa_B/a^2$)")
+    for ax in (left, right):
+        ax.xaxis.set_major_locator(MultipleLocator(0.05))
+    figure.legend(loc="outside upper center", ncols=6, fontsize="small")
     return figure
 
 
@@ -187,8 +191,7 @@ def main():
             f"{neck['steps']}+{neck['rejected']}  {neck['status']}"
         )
     deformation = {name: found[name]["deformation_along_field"][:, 0] for name in ("POP", "Λ = 10")}
-    necks = [{name: value for name, value in neck.items() if name != "shape"} for neck in found["necks"]]
-    store("pop_and_budding", {"classes": classes(found), "deformation": deformation, "necks": necks})
+    store("pop_and_budding", {"classes": classes(found), "deformation": deformation, "necks": found["necks"]})
 
     neck, rows = found["necks"][0], found["budding"]
     save(run_plots.snapshots(_record(found["POP"], pop(64)), [0, 0.1, 0.2, 0.3, 0.5, 1.0]), "pop_snapshots")

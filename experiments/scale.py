@@ -241,22 +241,22 @@ def run_few(few=(2, 3, 4, 8, 16, 32), N=64, repeats=21) -> dict:
 @styled
 def draw(rows) -> Figure:
     """Draws time, iterations and memory against the number of vesicles."""
-    figure = Figure(figsize=(run_plots.PAGE, 2.3))
+    figure = Figure(figsize=(run_plots.PAGE, 2.9), layout="constrained")
     panels = figure.subplots(1, 3)
     M = [row["M"] for row in rows]
     panels[0].loglog(M, [row["cpu"] for row in rows], "o-", ms=3, label="a step")
     for name, mark in (("F", "s-"), ("geometry", "^-"), ("sum of forces", "v-")):
         panels[0].loglog(M, [row["parts"][name] for row in rows], mark, ms=3, lw=0.8, label=name)
     panels[0].loglog(M, [rows[0]["cpu"] * m / M[0] for m in M], ":", color="0.6", label="like M")
-    panels[0].set(title="processor time (s)")
-    panels[0].legend(fontsize=6)
+    panels[0].set(ylabel="processor time (s)")
+    panels[0].legend(fontsize=6, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     panels[1].semilogx(M, [row["iterations"] for row in rows], "o-", ms=3)
-    panels[1].set(title="GMRES iterations of F", ylim=(0, 1 + max(row["iterations"] for row in rows)))
+    panels[1].set(ylabel="GMRES iterations of F", ylim=(0, 1 + max(row["iterations"] for row in rows)))
     panels[2].loglog(M, [row["planned"] / 2**20 for row in rows], "o-", ms=3, label="the compiled step")
     panels[2].loglog(M, [row["estimated"] / 2**20 for row in rows], "^:", ms=3, label="estimate before the start")
     panels[2].loglog(M, [row["peak"] / 2**20 for row in rows], "s--", ms=3, color="0.6", label="the whole process")
-    panels[2].set(title="memory (MiB)")
-    panels[2].legend(fontsize=6)
+    panels[2].set(ylabel="memory (MiB)")
+    panels[2].legend(fontsize=6, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     for axes in panels:
         axes.set_xlabel("vesicles")
         axes.set_xticks(M, [str(m) for m in M])
