@@ -1,6 +1,7 @@
 r"""When does a vesicle in shear stop treading and tumble, and what is [μ] then?
 
-    python -m experiments.viscosity_contrast       # table and figure, about three minutes
+    python -m experiments.viscosity_contrast            # table and figure, about three minutes
+    python -m experiments.viscosity_contrast --figure   # the figure of the stored numbers
 
 One vesicle with Δ = 0.9 in a shear of Ca = 10, for viscosity ratios ν from 0.1 to 1000: inclination of treading, the
 time of half a turn, and [μ], which is averaged over whole half-turns where the vesicle tumbles. The theory of Keller
@@ -11,10 +12,17 @@ With k = (a+b)²/(a²+b²), B₀ = (a²-b²)/(a²+b²), k_d = (a+b)²/2ab:
     treading at cos 2θ = 1/B for B > 1, otherwise half-turns of 2π/(Ca √(1-B²));     ν_c = 2a/(a-b)
     [μ] = k_d sin² 2θ + k (ν-1)/(ν-1+k) cos² 2θ,     ⟨cos² 2θ⟩ = (1 - √(1-B²))/B² in tumbling
 
-What to expect: the theory is exact only for Δ → 1 and for ν → ∞, where the vesicle is a rigid body with the mean [μ] of
-2. The vesicle deforms, so it treads up to a larger ν. [μ] has its minimum at the transition.
+The theory of quasi-circular vesicles is the leading order of small deficits, with a membrane that does not stretch (R.
+Finken, A. Lamura, U. Seifert & G. Gompper, Eur. Phys. J. E 25, 309 (2008)). It has the same motion with
+
+    B = 1/((1 + ν) ε₀),     ε₀ = √(2(1-Δ)/3),     and ν_c = 1/ε₀ - 1
+
+What to expect: the theory of Keller and Skalak is exact only for Δ → 1 and for ν → ∞, where the vesicle is a rigid body
+with the mean [μ] of 2. The vesicle deforms, so it treads up to a larger ν. [μ] has its minimum at the transition.
 """
 
+import argparse
+import json
 from typing import NamedTuple
 
 import equinox as eqx
@@ -32,7 +40,7 @@ from jaxves.plots import run_plots
 from jaxves.stepping.adaptive import Adaptive
 from jaxves.stepping.marching import simulate
 
-from ._common import save, store, styled
+from ._common import HERE, save, store, styled
 
 RATIOS = (0.1, 0.3, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 14.0, 20.0, 50.0, 100.0, 1000.0)
 AREA, SHEAR = 0.9, 10.0
@@ -72,6 +80,15 @@ class KellerSkalak(NamedTuple):
             "period": 2 * np.pi / (self.shear * root) if B < 1 else np.nan,
             "viscosity": k_d * (1 - cos2) + (ratio - 1) * inner * cos2,
         }
+
+
+def quasi_circular(ratio: float, reduced_area: float, shear: float = SHEAR) -> dict[str, float]:
+    """Returns inclination in radians and time of half a turn to leading order in the deficit; NaN as in `at`."""
+    B = 1 / ((1 + ratio) * np.sqrt(2 * (1 - reduced_area) / 3))
+    return {
+        "inclination": 0.5 * np.arccos(1 / B) if B > 1 else np.nan,
+        "period": 2 * np.pi / (shear * np.sqrt(1 - B**2)) if B < 1 else np.nan,
+    }
 
 
 @eqx.filter_jit
@@ -116,7 +133,7 @@ def run(ratios=RATIOS, **how) -> dict:
 
 @styled
 def draw(found) -> Figure:
-    """Draws inclination, time of half a turn, and [μ] against ν, with the theory as lines."""
+    """Draws inclination, time of half a turn, and [μ] against ν, with the theories as lines."""
     figure = Figure(figsize=(run_plots.PAGE, 2.4))
     panels = figure.subplots(1, 3, sharex=True)
     theory = KellerSkalak.of(AREA)
@@ -126,6 +143,9 @@ def draw(found) -> Figure:
     for axes, (name, label) in zip(panels, names.items(), strict=True):
         scale = np.degrees if name == "inclination" else np.asarray
         axes.semilogx(fine, scale([line[name] for line in lines]), color="0.5", label="Keller-Skalak")
+        if name != "viscosity":
+            values = scale([quasi_circular(ratio, AREA)[name] for ratio in fine])
+            axes.semilogx(fine, values, "--", color="0.7", label="quasi-circular")
         for motion, (marker, colour) in _MARKERS.items():
             rows = [row for row in found["rows"] if row["motion"] == motion and np.isfinite(row[name])]
             if rows:
@@ -133,11 +153,20 @@ def draw(found) -> Figure:
                 axes.plot([row["ratio"] for row in rows], values, marker, color=colour, ms=4, label=motion)
         axes.set(xlabel=r"$\nu$", ylabel=label)
     panels[1].set_ylim(0, 2.5)
-    panels[1].legend(*panels[2].get_legend_handles_labels(), loc="center right")
+    labels = {label: line for axes in panels for line, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    panels[0].legend(labels.values(), labels, loc="upper right")
     return figure
 
 
 def main():
+    parser = argparse.ArgumentParser(
+        prog="python -m experiments.viscosity_contrast", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--figure", action="store_true", help="only the figure, of the stored numbers")
+    if parser.parse_args().figure:
+        stored = json.loads((HERE / "data" / "viscosity_contrast.json").read_text())["data"]
+        save(draw(stored), "viscosity_contrast")
+        return
     found = run()
     print(f"Keller-Skalak: nu_c = {found['critical']:.3f} at reduced area {AREA}")
     for row, theory in zip(found["rows"], found["theory"], strict=True):
