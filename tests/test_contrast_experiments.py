@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from experiments import contrast_fields, contrast_steps, critical_ratio
+from experiments import contrast_fields, contrast_pairs, contrast_steps, critical_ratio
 from experiments._common import HERE
 
 
@@ -76,3 +76,14 @@ def test_the_stored_vesicles_tread_in_shear_and_field():
     for rows in stored("contrast_fields")["sheared"].values():
         assert {row["motion"] for row in rows.values()} == {"treading"}
         assert list(rows) == [str(ratio) for ratio in contrast_fields.CONDUCTIVITIES]
+
+
+def test_stored_pairs_circulate_up_to_a_ratio_of_three_and_as_without_contrast_at_one():
+    found, known = stored("contrast_pairs"), stored("pairs")
+    assert list(found) == [str(at) for at in contrast_pairs.CONDUCTIVITIES]
+    for at, rows in found.items():
+        assert list(rows) == [str(ratio) for ratio in contrast_pairs.RATIOS]
+        assert {rows[ratio]["class"] for ratio in ("0.1", "1.0", "3.0")} == {"circulation"}
+        one, plain = rows["1.0"], known[f"({at}, 0.0)"]
+        assert (one["class"], one["turns"]) == (plain["class"], plain["turns"])
+        np.testing.assert_allclose(one["angle"][-1], plain["angle"][-1], atol=1.0)
