@@ -20,7 +20,8 @@ Each membrane then moves, with its own tension, in the flow that the others caus
 
 `own` is the motion of every membrane alone, and C the velocity that its motion and its tension cause at the others.
 This is one linear system for c, with all velocities and tensions, which GMRES solves. It is preconditioned by the
-factors of every membrane, which `own` contains.
+factors of every membrane, which `own` contains, and by Chebyshev steps with the double layers of near pairs. A very
+viscous inside makes these the strongest interactions, and the eigenvalues of C spread from -0.9 to 0.9.
 """
 
 import jax
@@ -28,7 +29,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..geometry.curve import Curve
-from ..numerics import fourier, linear
+from ..numerics import fourier, krylov, linear
 from ..numerics.arrays import PerVesicle, Scalar, VesicleNodes, VesiclePoints
 from ..operators.surfaces import Surfaces
 from ..physics import membrane
@@ -91,10 +92,8 @@ class ContrastResponse(AbstractResponse):
         return jax.vmap(of_one)(surfaces.curves, surfaces.stokes_slp, surfaces.laplace_slp, self.inside)
 
     def moved(self, force, imposed, is_circle, *, cut, direct) -> Moved:
-        if self.surfaces.interactions is None:
-            return super().moved(force, imposed, is_circle, cut=cut, direct=direct)
-        constraint = self.constraint(is_circle, cut)
-        velocity, sigma, solution = self._together(constraint, self._given(force, imposed), cut)
+        constraint, given = self.constraint(is_circle, cut), self._given(force, imposed)
+        velocity, sigma, solution = self._together(constraint, given, cut)
         f_tension = jax.vmap(membrane.linear_tension_force)(self.surfaces.curves, sigma)
         return Moved(velocity, sigma, f_tension, constraint, [solution])
 
@@ -105,24 +104,29 @@ class ContrastResponse(AbstractResponse):
 
     def _together(self, constraint: Constraint | None, given: VesiclePoints, cut: int):
         """Returns the velocities, the tensions and the linear solution for `given`; without a constraint σ is zero."""
+        if self.surfaces.interactions is None:
+            velocity, solution = self._alone(constraint, given, cut)
+            return velocity, solution.value, solution
 
         def own(given):
-            return self._alone(constraint, given, cut)
-
-        if self.surfaces.interactions is None:
-            return *own(given), None
+            velocity, solution = self._alone(constraint, given, cut)
+            return velocity, solution.value
 
         def action(c):
             return c - self._at_others(*own(c.reshape(given.shape))).reshape(-1)
 
+        def precondition(c):
+            c, near = c.reshape(given.shape), self.surfaces.double_layers.of_near
+            return krylov.chebyshev(lambda x: c + near(self._density(own(x)[0])), c).reshape(-1)
+
         solver = linear.GMRES(self.surfaces.interactions.tolerance())
-        factored = solver.factor(linear.LinearOperator(action=action))
+        factored = solver.factor(linear.LinearOperator(action=action, precondition=precondition))
         solution = factored.solve(self._at_others(*own(given)).reshape(-1))
         return *own(given + solution.value.reshape(given.shape)), solution
 
     def _alone(
         self, constraint: Constraint | None, given: VesiclePoints, cut: int
-    ) -> tuple[VesiclePoints, VesicleNodes]:
+    ) -> tuple[VesiclePoints, linear.Solution]:
         """Returns velocity and tension of every membrane without the others, where S[f] and the flow give `given`."""
 
         def of_one(inside, given):
@@ -131,23 +135,27 @@ class ContrastResponse(AbstractResponse):
 
         velocity = jax.vmap(of_one)(self.inside, given)
         if constraint is None:
-            return velocity, jnp.zeros(velocity.shape[:2])
+            return velocity, linear.Solution(jnp.zeros(velocity.shape[:2]), jnp.zeros(()), jnp.int32(0))
 
         def held(curve, velocity, tension, spread):
             stretch = fourier.low_pass(curve.speed * membrane.stretch_rate(curve, velocity), cut)
-            sigma = tension.solve_columns(stretch[:, None])[:, 0]
-            return velocity + jnp.einsum("aij,j->ia", spread, sigma), sigma
+            solution = tension.solve(stretch)
+            return velocity + jnp.einsum("aij,j->ia", spread, solution.value), solution
 
         return jax.vmap(held)(self.surfaces.curves, velocity, constraint.tension, constraint.spread)
 
     def _at_others(self, velocity: VesiclePoints, sigma: VesicleNodes) -> VesiclePoints:
         """Returns the velocity that moving membranes with these tensions cause at the nodes of the others."""
         surfaces = self.surfaces
+        force = jax.vmap(membrane.linear_tension_force)(surfaces.curves, sigma)
+        return surfaces.double_layers(self._density(velocity)) + surfaces.interactions.stokes(force)
 
-        def density(inside, v):
+    def _density(self, velocity: VesiclePoints) -> VesiclePoints:
+        """Returns (1 - ν) (v - P v), the density of the double layers of moving membranes."""
+
+        def of_one(inside, v):
             v = v.T.reshape(-1, 1)
             u = 2 * (1 - inside.slowing) * (v - inside.rigid(v))[:, 0]
             return jnp.stack(jnp.split(u, 2), axis=-1)
 
-        force = jax.vmap(membrane.linear_tension_force)(surfaces.curves, sigma)
-        return surfaces.double_layers(jax.vmap(density)(self.inside, velocity)) + surfaces.interactions.stokes(force)
+        return jax.vmap(of_one)(self.inside, velocity)

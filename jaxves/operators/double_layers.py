@@ -27,6 +27,10 @@ class AbstractDoubleLayers(eqx.Module):
     def __call__(self, u: VesiclePoints) -> VesiclePoints:
         """Returns the velocities D[u] of the other membranes at the nodes of each membrane."""
 
+    @abc.abstractmethod
+    def of_near(self, u: VesiclePoints) -> VesiclePoints:
+        """Returns the part of the near pairs, which is cheap: an approximation for a preconditioner."""
+
 
 class DoubleLayers(AbstractDoubleLayers):
     """The curves for far sums, and the matrices of near pairs."""
@@ -52,8 +56,10 @@ class DoubleLayers(AbstractDoubleLayers):
         return cls(curves, near, jax.lax.map(of_pair, (near.target, near.source, near.valid)))
 
     def __call__(self, u: VesiclePoints) -> VesiclePoints:
-        near = self.near.summed(jax.vmap(StokesBlocks.__matmul__), self.matrices, u)
-        return summed(far.stokes_dlp, self.curves, self.near, u) + near
+        return summed(far.stokes_dlp, self.curves, self.near, u) + self.of_near(u)
+
+    def of_near(self, u: VesiclePoints) -> VesiclePoints:
+        return self.near.summed(jax.vmap(StokesBlocks.__matmul__), self.matrices, u)
 
 
 def close_matrix(source: Curve, x) -> StokesBlocks:

@@ -1,7 +1,8 @@
 r"""The Stokes double layer between membranes by fast sums, in the plane and in periodic cells.
 
 As in `fast_sums`, the smooth part of each membrane on itself is subtracted, and near pairs have matrices of close
-evaluation less the smooth part.
+evaluation less the smooth part. A preconditioner needs their whole interaction, but roughly. The smooth part is added
+there on half of the nodes.
 
 In a periodic cell with the area A, the sums have zero mean over the cell. The velocity of the fluid is w outside of the
 membranes and w/ν inside, with w = v_∞ + S[f] + D[(1 - ν) v]. Its mean over the cell is that of v_∞ only with
@@ -21,6 +22,7 @@ from jaxtyping import Array, Float
 from ..ewald.stresslets import StressletSums
 from ..geometry.curve import Curve
 from ..geometry.domain import AbstractDomain
+from ..numerics import fourier
 from ..numerics.arrays import VesiclePoints
 from ..numerics.batching import greatest
 from ..potentials import far
@@ -41,6 +43,7 @@ class FastDoubleLayers(AbstractDoubleLayers):
     own: Float[Array, "M n n"]
     near: NearPairs
     matrices: Float[Array, "K n n"]
+    smooth: Float[Array, "K m m"]
     area: Float[Array, ""] | None
 
     @classmethod
@@ -54,19 +57,22 @@ class FastDoubleLayers(AbstractDoubleLayers):
             target, valid, source = row[0], row[1], near.source_curve(row[2], curves, domain)
 
             def close():
-                blocks = close_matrix(source, curves.x[target])
+                x = curves.x[target]
+                blocks = close_matrix(source, x)
                 whole = jnp.block([[blocks.xx, blocks.xy], [blocks.xy, blocks.yy]])
-                return whole - _smooth(sums, curves.x[target], source)
+                fewer = Curve.from_nodes(fourier.resample(source.x, x.shape[0] // 2, axis=0))
+                return whole - _smooth(sums, x, source), _smooth(sums, x[::2], fewer)
 
-            return lax.cond(valid, close, lambda: jnp.zeros(jax.eval_shape(close).shape))
+            nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), jax.eval_shape(close))
+            return lax.cond(valid, close, lambda: nothing)
 
-        matrices = lax.map(of_pair, (near.target, near.valid, jnp.arange(near.valid.shape[0])))
+        matrices, smooth = lax.map(of_pair, (near.target, near.valid, jnp.arange(near.valid.shape[0])))
         own = jax.vmap(lambda curve: _smooth(sums, curve.x, curve))(curves)
         area = None if interactions.cell is None else interactions.cell.area()
-        return cls(curves, sums, own, near, matrices, area)
+        return cls(curves, sums, own, near, matrices, lax.stop_gradient(smooth), area)
 
     def __call__(self, u: VesiclePoints) -> VesiclePoints:
-        near = self.near.summed(_times, self.matrices, u)
+        near = self._close(u)
 
         def fast(u):
             return self.sums(u) - _times(self.own, u)
@@ -83,6 +89,14 @@ class FastDoubleLayers(AbstractDoubleLayers):
             )
 
         return lax.cond(greatest(jnp.int32(self.sums.sums.overflow)) > 0, direct, fast, u) + near
+
+    def of_near(self, u: VesiclePoints) -> VesiclePoints:
+        N = u.shape[1]
+        smooth = self.near.summed(_times, self.smooth, fourier.resample(u, N // 2, axis=1))
+        return self._close(u) + fourier.resample(smooth, N, axis=1)
+
+    def _close(self, u: VesiclePoints) -> VesiclePoints:
+        return self.near.summed(_times, self.matrices, u)
 
     def _mean(self, u: VesiclePoints) -> Float[Array, "2"]:
         curves = self.curves

@@ -37,7 +37,7 @@ def bytes_of_step(
         whole = (M * N) ** 2 * (4 * coupling.direct + 12 * coupling.together)
         return _BYTES * (own + _KEPT * blocks * M * (M - 1) * N**2 + whole)
     # matrices of near pairs: those of D by fast sums have four blocks
-    of_dlp = contrast * (3 if coupling.accuracy is None else 4)
+    of_dlp = contrast * (3 if coupling.accuracy is None else 5)
     pairs = (blocks + of_dlp) * coupling.room(M) * M * N**2
     sums = 0 if coupling.accuracy is None else _of_sums(M, N, coupling.accuracy, domain, contrast)
     return _BYTES * (own + _KEPT * (pairs + sums) + 2 * _BASE_SYSTEM * M * N)
