@@ -1,13 +1,15 @@
 r"""Is a vesicle in an AC field prolate or oblate, over frequency and conductivity ratio?
 
     python -m experiments.ac_phases                 # table and figure, about six minutes
-    python -m experiments.ac_phases --deflated      # the same at Δ = 0.8, about ten minutes
+    python -m experiments.ac_phases --deflated      # the same at Δ = 0.8, about twenty minutes
 
 Δ = 0.95, β = 6.4, χ = 0.08, G = 0, δ = 7e-3 (water, a = 10 μm, C_m = 1 μF/cm²), ε_i/ε_e = 1 and 0.5, 32 nodes. The
 field is averaged over its period. One start lies exactly along the field and stays symmetric, one is tilted by 45
-degrees. A run ends at rest or at t = 4. At Δ = 0.8 there are 48 nodes and fewer cases. The lines ω₁ and ω₂ are those of
-a circle (`jaxves/physics/critical_frequency.py`). At some points runs that resolve the field are made from the tilted
-start.
+degrees. A run ends at rest or at t = 4. The lines ω₁ and ω₂ are those of a circle
+(`jaxves/physics/critical_frequency.py`). At some points runs that resolve the field are made from the tilted start. At
+Δ = 0.8 there are 48 nodes and fewer cases. Those that end as `unresolved` are computed again with 64 and then with 96
+nodes. Those that end as `inaccurate` are computed again with the field resolved; their D is the mean over the last
+period.
 
 What to expect: the tilted vesicle is prolate below ω₁ and oblate between ω₁ and ω₂, and prolate again beyond ω₂. The
 vesicle along the field is a metastable prolate in a part of the region between. At frequencies below the rate at
@@ -16,6 +18,7 @@ which shapes change, averaged runs tell that they are inaccurate, and resolved o
 
 import sys
 import time
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,19 +37,25 @@ BETA, CHI, DELTA = 6.4, 0.08, 7e-3
 STARTS = {"along the field": 90.0, "tilted": 45.0}
 PERMITTIVITIES = (1.0, 0.5)
 RESOLVED = ((0.4, 0.1), (0.4, 0.5), (0.4, 0.8), (0.4, 1.25), (0.4, 3.0), (2.0, 1.0))
-DEFLATED = dict(
-    area=0.8, ratios=(0.1, 0.2, 0.4, 0.7, 2.0), frequencies=(5.0, 5e4, 10), resolved=((0.4, 5.0),), nodes=48
+AGAIN = (
+    ("unresolved", dict(nodes=64)),
+    ("unresolved", dict(nodes=96)),
+    ("inaccurate", dict(nodes=64, averaged=False, tolerance=1e-5)),
 )
+DEFLATED = dict(
+    area=0.8, ratios=(0.1, 0.2, 0.4, 0.7, 2.0), frequencies=(5.0, 5e4, 10), resolved=((0.4, 5.0),), nodes=48,
+    again=AGAIN,
+)  # fmt: skip
 QUICK = dict(
     ratios=(0.5,), frequencies=(1.0, 50.0, 2), permittivities=(1.0,), resolved=(), nodes=32, t_end=0.3, saves=6,
-    folder=TOY,
+    again=(("inaccurate", dict(nodes=16, averaged=False, tolerance=1e-2)),), folder=TOY,
 )  # fmt: skip
+AXES = ("field.permittivity_ratio", "field.conductivity_ratio", "field.time.frequency")
 
 
-def tables(area, angle, ratios, frequencies, permittivities, nodes, t_end, saves) -> dict:
-    """Returns the tables of a sweep; `frequencies` are ω as (start, stop, num)."""
-    start, stop, count = frequencies
-    time = {"kind": "ac", "averaged": True, "frequency": 1.0}
+def tables(area, angle, t_end, saves, *, cases, nodes, averaged=True, tolerance=1e-4) -> dict:
+    """Returns the tables of a sweep; `cases` has its key "axes" or "cases"."""
+    time = {"kind": "ac", "averaged": averaged, "frequency": 1.0}
     field = {"beta": BETA, "chi": CHI, "conductivity_ratio": 0.5, "charge_relaxation": DELTA, "time": time}
     return {
         "scene": {
@@ -54,15 +63,38 @@ def tables(area, angle, ratios, frequencies, permittivities, nodes, t_end, saves
             "saves": saves,
             "vesicle": [{"reduced_area": area, "angle": angle}],
             "field": field,
-            "stop": {"steady": 1e-4},
-            "numerics": {"nodes": nodes, "tolerance": 1e-4},
-        },
-        "axes": {
-            "field.permittivity_ratio": list(permittivities),
-            "field.conductivity_ratio": list(ratios),
-            "field.time.frequency": list(np.geomspace(start, stop, count) / (2 * np.pi)),
-        },
+            "numerics": {"nodes": nodes, "tolerance": tolerance},
+        }
+        | ({"stop": {"steady": 1e-4}} if averaged else {}),
+    } | cases
+
+
+def outcomes(record, nodes) -> dict[str, np.ndarray]:
+    """Returns what is kept of each case of a sweep: D at the end, swing, status word, nodes, and two flags.
+
+    For runs that resolve the field, D is the mean over the last period, and the swing is NaN.
+    """
+    data, resolved = record.data, classes.MEAN + "_final" in record.data
+    D = data[(classes.MEAN if resolved else classes.DEFORMATION) + "_final"][..., 0]
+    return {
+        "deformation": D,
+        "swing": np.full(D.shape, np.nan) if resolved else data["averaged_swing_final"][..., 0],
+        "status": record.status,
+        "nodes": np.full(D.shape, nodes),
+        "resolved": np.full(D.shape, resolved),
+        "breathing": record.classes == "breathing",
     }
+
+
+def compute_again(part, made, again, axes, label, folder) -> None:
+    """Computes cases of `part` again that ended with a word of `again`, and replaces their outcomes."""
+    for k, (word, options) in enumerate(again):
+        places = np.argwhere(part["status"] == word)
+        cases = [dict(zip(AXES, (of[i] for of, i in zip(axes, place, strict=True)), strict=True)) for place in places]
+        if cases:
+            record = swept(made(cases={"cases": cases}, **options), f"{label}_{word}_{k}", folder)
+            for key, values in outcomes(record, options["nodes"]).items():
+                part[key][tuple(places.T)] = values
 
 
 def frequencies_of(ratio, permittivity) -> np.ndarray:
@@ -93,20 +125,25 @@ def run(
     nodes=32,
     t_end=4.0,
     saves=8,
+    again=(),
     folder=None,
 ) -> dict:
-    """Returns the last D, status words and swings of averaged runs by start, over ε, Λ and ω, and resolved runs."""
-    found = {"omega": np.geomspace(*frequencies), "ratio": ratios, "permittivity": permittivities, "averaged": {}}
+    """Returns the last D, status words and swings of averaged runs by start, over ε, Λ and ω, and resolved runs.
+
+    `frequencies` are ω as (start, stop, num). `again` has pairs of a status word and options of `tables`: cases that
+    end with this word are computed again with these options. The pairs are used one after the other.
+    """
+    omega = np.geomspace(*frequencies)
+    found = {"omega": omega, "ratio": ratios, "permittivity": permittivities, "averaged": {}}
+    axes = [[float(value) for value in of] for of in (permittivities, ratios, omega / (2 * np.pi))]
     for name, angle in STARTS.items():
-        began = time.perf_counter()
-        what = tables(area, angle, ratios, frequencies, permittivities, nodes, t_end, saves)
-        record = swept(what, f"ac_{angle:.0f}_{area}", folder)
-        found["averaged"][name] = {
-            "deformation": listed(record.data["deformation_along_field_final"][..., 0]),
-            "swing": listed(record.data["averaged_swing_final"][..., 0]),
-            "status": listed(record.status),
-            "seconds": time.perf_counter() - began,
-        }
+        began, label = time.perf_counter(), f"ac_{angle:.0f}_{area}"
+        made = partial(tables, area, angle, t_end, saves)
+        first = swept(made(cases={"axes": dict(zip(AXES, axes, strict=True))}, nodes=nodes), label, folder)
+        part = outcomes(first, nodes)
+        compute_again(part, made, again, axes, label, folder)
+        found["averaged"][name] = {key: listed(of) for key, of in part.items()}
+        found["averaged"][name]["seconds"] = time.perf_counter() - began
     rows = []
     for ratio, share in resolved:
         first = frequencies_of(ratio, 1.0)[0]
@@ -134,7 +171,10 @@ def agreement(found) -> dict:
 
 @styled
 def draw(found) -> Figure:
-    """Draws classes over Λ and ω: averaged runs as dots, inaccurate ones as crosses, resolved ones as rings."""
+    """Draws classes over Λ and ω: averaged runs as dots, inaccurate ones as crosses.
+
+    Resolved runs are squares in place of averaged ones, and rings around them.
+    """
     figure = Figure(figsize=(run_plots.PAGE, 4.6))
     names, permittivities = list(found["averaged"]), found["permittivity"]
     axes = figure.subplots(len(permittivities), len(names), sharex=True, sharey=True, squeeze=False)
@@ -145,10 +185,12 @@ def draw(found) -> Figure:
         for ax, name in zip(row, names, strict=True):
             part = found["averaged"][name]
             for i, ratio in enumerate(found["ratio"]):
-                for omega, D, word in zip(found["omega"], part["deformation"][k][i], part["status"][k][i], strict=True):
+                columns = (part[key][k][i] for key in ("deformation", "status", "resolved", "breathing"))
+                for omega, D, word, resolved, breathing in zip(found["omega"], *columns, strict=True):
                     word_of = "prolate" if D > classes.THRESHOLD else "oblate" if D < -classes.THRESHOLD else "neither"
-                    accurate = word in status.SUCCESS
-                    ax.plot(ratio, omega, "o" if accurate else "x", color=colours[word_of], ms=3.5)
+                    word_of = "breathing" if breathing else word_of
+                    marker = "x" if word not in status.SUCCESS else "s" if resolved else "o"
+                    ax.plot(ratio, omega, marker, color=colours[word_of], ms=3.5)
             for line, style, label in zip(lines.T, ("-", "--"), (r"$\omega_1$", r"$\omega_2$"), strict=True):
                 ax.plot(fine, line, style, color="k", lw=1, label=label)
             if name == "tilted" and permittivity == 1.0:

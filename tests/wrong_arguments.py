@@ -291,6 +291,13 @@ WRONG = {
         lambda: jaxves.stability(jaxves.make_scene(E, flow=jaxves.Poiseuille(1.0, 3.0)), jaxves.Unknowns.of(E[None])),
         "scene = not symmetric about a point",
     ),
+    "stability in a field with a period": (
+        lambda: jaxves.stability(
+            jaxves.make_scene(E, field=jaxves.dc_field(1.0, conductivity_ratio=0.5, history=jaxves.AC(5.0))),
+            jaxves.Unknowns.of(E[None], E[None, :, 0]),
+        ),
+        "scene = a field or flow with a period",
+    ),
     "a run of a name that is none": (lambda: jaxves.run("popp", "never.h5"), "popp"),
     "a run of nothing": (lambda: jaxves.run(None, "never.h5"), "scene_file"),
     "a sweep without a scene": (lambda: jaxves.sweep({"axes": {"field.beta": [1.0]}}, "never.h5"), "scene"),

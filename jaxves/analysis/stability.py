@@ -57,9 +57,13 @@ def stability(scene: Scene, start: Unknowns, *, count: int = 4, solver: Abstract
 
     Raises:
         ValueError: the scene has several vesicles, is in a periodic cell, or has a field that is not uniform or a flow
-            whose gradient is not. A translation is no neutral motion in these.
+            whose gradient is not. A translation is no neutral motion in these. Or field or flow has a period that is
+            not averaged over, so that there is no steady state.
     """
     require_count("count", count)
+    if scene.periods():
+        wanted = "one with a steady state, as in AC(..., averaged=True); for a periodic motion compare disturbed runs"
+        raise refusal("scene", "a field or flow with a period", wanted)
     if not may_keep_symmetry(scene):
         raise refusal("scene", "not symmetric about a point", "free space, a uniform field, and a flow linear in x")
     return _analysed(scene, steady_shape(scene, start, solver=solver), count, solver)

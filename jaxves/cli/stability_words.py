@@ -52,7 +52,9 @@ def _unsuitable(scene_file: SceneFile) -> str | None:
         return "several vesicles or a periodic cell"
     for name, table in (("field", scene_file.field), ("flow", scene_file.flow)):
         history = None if table is None else table.time
-        if history is not None and history.kind != "constant" and not getattr(history, "averaged", False):
+        if history is not None and history.kind == "ac" and not history.averaged:
+            return "an AC field that is resolved; a run with averaged = true has a steady state"
+        if history is not None and history.kind not in ("constant", "ac"):
             return f"a {name} that changes"
     return None
 

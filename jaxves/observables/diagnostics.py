@@ -70,8 +70,7 @@ def integrands_of(scene: Scene, *, window: bool) -> Callable[[Motion, Scene, Arr
 
 def over_period(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:
     """Returns what is averaged over every period of the field, by name."""
-    direction = scene.field.unit_direction()
-    return {DEFORMATION: jax.vmap(geometry.deformation, in_axes=(0, None))(motion.surfaces.curves, direction)}
+    return {DEFORMATION: of_field.deformation_along(scene.field, motion.surfaces.curves)}
 
 
 def averaged(motion: Motion, scene: Scene, t: Array) -> dict[str, Array]:

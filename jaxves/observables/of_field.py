@@ -6,6 +6,8 @@ from jaxtyping import Array
 
 from ..geometry import curve as geometry
 from ..geometry.curve import Curve
+from ..numerics.arrays import PerVesicle
+from ..physics.electric import Field
 from .registry import Instant, gives
 
 
@@ -13,6 +15,11 @@ def angle_of(vector: Array) -> Array:
     """Returns the angle of a vector from x, in (-π, π]; 0 with derivative 0 for the zero vector."""
     nothing = jnp.all(vector == 0)
     return jnp.arctan2(jnp.where(nothing, 0.0, vector[1]), jnp.where(nothing, 1.0, vector[0]))
+
+
+def deformation_along(field: Field, curves: Curve) -> PerVesicle:
+    """Returns the deformation D of each of the `curves` (M,) along a uniform field."""
+    return jax.vmap(geometry.deformation, in_axes=(0, None))(curves, field.unit_direction())
 
 
 @gives(
@@ -29,10 +36,8 @@ def of_field(instant: Instant, found) -> dict[str, Array]:
     curves, electric = instant.motion.surfaces.curves, instant.motion.electric
     V_m = electric.potential(instant.y.scalars)
     out = jax.vmap(_of_membrane)(curves, electric.charge, V_m, electric.traction)
-    if not instant.scene.field.is_uniform():
-        return out
-    direction = instant.scene.field.unit_direction()
-    out["deformation_along_field"] = jax.vmap(geometry.deformation, in_axes=(0, None))(curves, direction)
+    if instant.scene.field.is_uniform():
+        out["deformation_along_field"] = deformation_along(instant.scene.field, curves)
     return out
 
 

@@ -71,14 +71,20 @@ def _interpolated(y: Unknowns, N: int) -> Unknowns:
     return Unknowns(x, scalars, y.integrals)
 
 
-def _settled(equation: Equation, y: Unknowns) -> Unknowns:
-    return equation.settled(_interpolated(y, equation.scene.x.shape[1]))
+def _with(state: State, y: Unknowns) -> State:
+    """Returns the state with unknowns on other nodes."""
+    errors = None if state.errors is None else state.errors.with_nodes(y)
+    return eqx.tree_at(lambda s: (s.y, s.errors), state, (y, errors), is_leaf=lambda leaf: leaf is None)
+
+
+def _settled(equation: Equation, state: State) -> State:
+    return _with(state, equation.settled(_interpolated(state.y, equation.scene.x.shape[1])))
 
 
 def _with_nodes(problem: Problem, N: int) -> tuple[Equation, Journey]:
     """Returns the equation with N nodes, and a journey whose state is interpolated but not projected."""
     equation = problem.equation.with_nodes(N)
-    state = eqx.tree_at(lambda s: s.y, problem.state, _interpolated(problem.state.y, N))
+    state = _with(problem.state, _interpolated(problem.state.y, N))
     return equation, begun(equation, problem.march, state)
 
 
@@ -245,8 +251,7 @@ class Resolution:
     def _moved(self, state: State, N: int, say: Callable[[str], None]) -> State:
         if N not in self._problems:
             say(f"compiling with {N} nodes")
-        y = strengthened(compiled(_settled)(self.problem(N).equation, state.y))
-        return eqx.tree_at(lambda s: s.y, state, y)
+        return strengthened(compiled(_settled)(self.problem(N).equation, state))
 
 
 def resolution_of(scene_file: SceneFile, problem: Problem, largest: float | int) -> Resolution:

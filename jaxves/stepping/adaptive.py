@@ -147,7 +147,6 @@ class Adaptive(AbstractMarch, Bounded):
         h = attempt.t_new - t
         step = self.stepper.step(equation, frozen, t, y, h)
         y_new = self.finish(equation, step.y, frozen)
-        size = norms.error_size(step.error)
         error = self.weighted_error(equation, step.error, y_new) / self.tolerance
         moved = norms.displacement(y_new, y)
         corrected = norms.displacement(y_new, equation.filtered(step.y))
@@ -155,7 +154,7 @@ class Adaptive(AbstractMarch, Bounded):
         full = jnp.array(False) if tape is None else tape.is_full()
         accepted = sound & (error <= 1.0) & ~full & wanted
 
-        after = self.accepted(state, equation, frozen, attempt.t_new, y_new, size)
+        after = self.accepted(state, equation, frozen, attempt.t_new, y_new, step.error)
         next_step = self.controller.after_accepted(h, error, state)
         after = eqx.tree_at(lambda s: (s.h, s.last_error), after, next_step)
         shrunk = self.controller.after_refused(h, error, sound)

@@ -62,8 +62,8 @@ class Fixed(AbstractEven):
         def one(state):
             frozen = equation.freeze(state.t, state.y)
             step = self.stepper.step(equation, frozen, state.t, state.y, h)
-            error = None if step.error is None else norms.error_size(step.error)
-            after = self.accepted(state, equation, frozen, state.t + h, self.finish(equation, step.y, frozen), error)
+            y = self.finish(equation, step.y, frozen)
+            after = self.accepted(state, equation, frozen, state.t + h, y, step.error)
             return chosen(short & (state.status == status.RUNNING), after, state)
 
         def all_steps(state):

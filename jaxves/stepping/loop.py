@@ -16,6 +16,7 @@ from ..observables.checks import Checks
 from ..observables.observing import observe
 from ..observables.rows import Row
 from ..physics.scene import Scene
+from .estimates import ErrorSum
 from .march import AbstractMarch
 from .periods import PeriodMeans
 from .state import Journey, State, Window
@@ -37,6 +38,7 @@ def initial_state(equation: Equation, march: AbstractMarch, average: Array | Non
         h=march.first_step(),
         last_error=jnp.ones(()),
         time_error=zero if march.stepper.has_error else None,
+        errors=ErrorSum.of(equation.scene, y) if march.stepper.has_error else None,
         angle=tracking.inclinations(y),
         window=window,
         period=PeriodMeans.of(equation.scene, y),

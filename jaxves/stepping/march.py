@@ -69,19 +69,22 @@ class AbstractMarch(eqx.Module):
         return self.finish(equation, self.stepper.step(equation, frozen, t, y, t_new - t).y, frozen)
 
     def accepted(
-        self, state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Unknowns, error: Scalar | None
+        self, state: State, equation: Equation, frozen: Frozen, t: Scalar, y: Unknowns, error: Unknowns | None
     ) -> State:
         """Returns the state after a step from `state` to (t, y).
 
         `frozen` is the linear part at the start of the step, and `error` its embedded error.
         """
+        errors = None if state.errors is None else state.errors.after(error, y)
+        total = None if error is None else state.time_error + norms.error_size(error)
         code = norms.step_status(equation, frozen, y, self.rough, self.nodes_per_wave)
         return State(
             t=t,
             y=y,
             h=state.h,
             last_error=state.last_error,
-            time_error=None if error is None else state.time_error + error,
+            time_error=total if errors is None else errors.total(),
+            errors=errors,
             angle=tracking.followed(state.angle, y),
             window=None if state.window is None else state.window.passed(t, y.integrals),
             period=None if state.period is None else state.period.after(equation.scene, state.t, state.y, t, y),

@@ -15,22 +15,16 @@ from jaxtyping import Array, Float
 
 from ..equation.equation import Equation
 from ..equation.state import Unknowns
-from ..geometry import curve as geometry
 from ..geometry.curve import Curve
-from ..numerics.arrays import PerVesicle, Scalar
+from ..numerics.arrays import PerVesicle, Scalar, VesiclePoints
 from ..observables import classes
 from ..observables.diagnostics import has_period
+from ..observables.of_field import deformation_along
 from ..physics.scene import Scene
 
 _ALONG = classes.DEFORMATION
 _NAMES = (classes.MEAN, classes.LEAST, classes.GREATEST, classes.CHANGE)
 _NEAR = 1e-9  # in periods: an end of a step this close to a multiple of the period is there
-
-
-def along_field(scene: Scene, y: Unknowns) -> PerVesicle:
-    """Returns the deformation along the field, (M,)."""
-    direction = scene.field.unit_direction()
-    return jax.vmap(lambda x: geometry.deformation(Curve.from_nodes(x), direction))(y.x)
 
 
 class PeriodMeans(eqx.Module):
@@ -54,7 +48,7 @@ class PeriodMeans(eqx.Module):
         """Returns what is known at t = 0, or None for a scene without a period of the field."""
         if not has_period(scene) or _ALONG not in y.integrals:
             return None
-        now = along_field(scene, y)
+        now = _along_field(scene, y.x)
         unknown = jnp.full_like(now, jnp.nan)
         return cls(now, jnp.zeros_like(now), *3 * (now,), *4 * (unknown,))
 
@@ -63,7 +57,7 @@ class PeriodMeans(eqx.Module):
         period = scene.field.period()
         before, count = _whole(t, period), _whole(t_new, period)
         passed, end = count > before, count * period
-        now = along_field(scene, y_new)
+        now = _along_field(scene, y_new.x)
         step = t, t_new, y.integrals[_ALONG], y_new.integrals[_ALONG], self.now, now
         integral, value = _within(end, *step)
         begun, first = (
@@ -99,7 +93,7 @@ def of_steps(
     with a derivative. It is NaN if the last whole period began before the first state.
     """
     scene, period = equation.scene, equation.scene.field.period()
-    deformation = jax.vmap(along_field, in_axes=(None, 0))(scene, y)
+    deformation = jax.vmap(_along_field, in_axes=(None, 0))(scene, y.x)
     count, made = _whole(t, period), jnp.arange(len(times)) <= last
 
     def at(time):
@@ -116,6 +110,11 @@ def of_steps(
     known = (count >= 1) & (end - period >= times[0] - _NEAR * period)
     found = ((integral - begun) / period, least, greatest, value - first)
     return {name: jnp.where(known, of, jnp.nan) for name, of in zip(_NAMES, found, strict=True)}
+
+
+def _along_field(scene: Scene, x: VesiclePoints) -> PerVesicle:
+    """Returns the deformation along the field, (M,)."""
+    return deformation_along(scene.field, jax.vmap(Curve.from_nodes)(x))
 
 
 def _whole(t: Scalar, period: Scalar) -> Scalar:

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..equation.implicit import Frozen
 from ..equation.state import Unknowns
 from ..numerics.arrays import PerVesicle, Scalar
+from .estimates import ErrorSum
 from .periods import PeriodMeans
 
 
@@ -43,7 +44,8 @@ class State(eqx.Module):
     y: Unknowns
     h: Scalar  # length of the next step
     last_error: Scalar  # error of the last accepted step, in units of the tolerance
-    time_error: Scalar | None  # sum of the embedded errors of all accepted steps; None for schemes without any
+    time_error: Scalar | None  # of all accepted steps, from their embedded errors; None for schemes without any
+    errors: ErrorSum | None  # from which `time_error` follows if field or flow have a period; otherwise it is a sum
     angle: PerVesicle  # unwrapped inclination at t
     window: Window | None
     period: PeriodMeans | None  # only in a field with a period
