@@ -1,17 +1,21 @@
 """How does the viscosity of tank-treading vesicles depend on all numbers, and are the derivatives right?
 
-    python -m experiments.sensitivity          # tables and a figure, about ten minutes
+    python -m experiments.sensitivity            # tables and a figure, about ten minutes
+    python -m experiments.sensitivity --models   # scenes of all models, without the curves
 
 G = 4, β = 6.4, Ca = 10, Δ = 0.9, Λ = 0.1, as in the paper's rheology. From the steady shape Newton's method follows Λ,
 β and Δ. At every point ∂[μ]/∂Λ, ∂[μ]/∂β, ∂[μ]/∂Δ come from the implicit function theorem. They are compared with the
 slopes of a spline through the computed curve. Then every number of several scenes is checked: one vesicle, in shear, a
 close and a far pair, a symmetric shape along the field, a circle, and no field strength. Forward mode is compared with
 reverse mode and with differences (`jaxves check-grad` does this for any scene), and second derivatives are computed.
+With `--models` the scenes have another viscosity inside, charge that relaxes, fields and flows that change in time, a
+pair near contact, and a periodic cell.
 
 What to expect: the slopes of the curves agree with the derivatives within the error of a spline through so few points.
 Forward and reverse mode agree to 1e-8, forward mode and differences to 1e-6.
 """
 
+import argparse
 import time
 
 import equinox as eqx
@@ -56,6 +60,37 @@ SCENES = {
     "circle in shear": CIRCLE | FIELD | SHEAR,
     "no field strength": ONE | {"field": FIELD["field"] | {"beta": 0.0}},
 }
+CHARGE = {"charge_relaxation": 0.01, "permittivity_ratio": 0.5}
+CONTACT = {"vesicle": [{"reduced_area": 0.9, "angle": 90.0}], "pair": {"separation": 1.46, "offset_angle": 0.0}}
+TWO = [{"reduced_area": 0.9, "angle": 80.0}, {"reduced_area": 0.8, "angle": 20.0, "center": [2.1, 1.5]}]
+CELL = {"vesicle": TWO, "cell": {"lattice": [[4.0, 0.0], [0.0, 4.0]]}}
+VISCOUS = {"fluid": {"viscosity_ratio": 5.0}}
+
+
+def _field(**more) -> dict:
+    return {"field": FIELD["field"] | more}
+
+
+def _time(kind, **numbers) -> dict:
+    return {"time": {"kind": kind} | numbers}
+
+
+MODELS = {
+    "contrast": ONE | FIELD | SHEAR | VISCOUS,
+    "thin inside": ONE | FIELD | SHEAR | {"fluid": {"viscosity_ratio": 1e-3}},
+    "relaxing charge": ONE | _field(**CHARGE),
+    "relaxing charge and contrast": ONE | _field(**CHARGE) | SHEAR | VISCOUS,
+    "resolved AC": ONE | _field(**_time("ac", frequency=100.0, offset=0.3, phase=20.0)),
+    "averaged AC": ONE | _field(**_time("ac", frequency=100.0, averaged=True, offset=0.3, phase=20.0)),
+    "averaged AC, relaxing charge": ONE | _field(**CHARGE, **_time("ac", frequency=100.0, averaged=True)),
+    "pulse": ONE | _field(**_time("pulse", start=0.002, duration=0.005, rise=0.001)),
+    "oscillating Poiseuille": ONE
+    | {"flow": {"kind": "poiseuille", "capillary_number": 10.0, "half_width": 2.0}
+       | _time("sine", frequency=30.0, offset=0.5)},
+    "near contact, contrast, relaxing charge": CONTACT | _field(**CHARGE) | VISCOUS,
+    "sheared cell": CELL | FIELD | SHEAR,
+    "sheared cell, contrast": CELL | SHEAR | VISCOUS,
+}  # fmt: skip
 QUICK = dict(along={"field.beta": np.linspace(5.6, 7.2, 3)}, N=32, t_end=0.5, scenes={})
 
 
@@ -126,11 +161,13 @@ def checked(tables, N=32, t_end=0.01, steps=10):
     outcome = sensitivity.AtEnd(file, gradcheck.quantities_of(file), t_end, march=Fixed(2))
     # Δ has no derivative at a circle.
     values = {n: np.float64(v) for n, v in numbers(file).items() if not (n.endswith("reduced_area") and v == 1)}
-    if file.pair is None:
+    # Forward over reverse of close evaluation and of sums over images takes minutes to compile.
+    few = {"pair.offset_angle", "field.beta", "cell.lattice[0][0]", "flow.capillary_number"}
+    if file.pair is None and file.cell is None:
         weights = jax.tree.map(lambda leaf: np.ones(leaf.shape), eqx.filter_eval_shape(outcome, values))
         curved = sensitivity.hessian_product(outcome, values, weights, {name: np.float64(1.0) for name in values})
-    else:  # forward over reverse of close evaluation takes minutes to compile
-        curved = sensitivity.second_order(outcome, {name: values[name] for name in ("pair.offset_angle", "field.beta")})
+    else:
+        curved = sensitivity.second_order(outcome, {name: values[name] for name in few & set(values)})
     return {
         "second derivatives finite": all(np.all(np.isfinite(value)) for value in jax.tree.leaves(curved)),
         "numbers": len({row.number for row in rows}),
@@ -188,7 +225,22 @@ def draw(found) -> Figure:
     return figure
 
 
+def models(names=tuple(MODELS), keep=lambda found: None, **how) -> dict:
+    """Returns the checks of scenes of all models by name; `keep` stores what is known so far."""
+    found = {}
+    for name in names:
+        found[name] = checked(MODELS[name], **how)
+        print(name, found[name], flush=True)
+        keep(found)
+    return found
+
+
 def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--models", action="store_true", help="check scenes of all models")
+    if parser.parse_args().models:
+        models(keep=lambda found: store("sensitivity", found, "models"))
+        return
     found = run()
     for name, rows in found["curves"].items():
         print(f"{SYMBOLS[name]}        [μ]        inclination/π  ∂[μ]/∂Λ    ∂[μ]/∂β    ∂[μ]/∂Δ    slope of the curve")

@@ -99,6 +99,8 @@ def test_what_a_cell_does_not_support_is_refused():
         make_scene(ellipse, field=dc_field(3.2, charge_relaxation=0.01, **FIELD), cell=cell)
     with pytest.raises(ValueError, match=r"averaged = True, expected an AC field that is not averaged"):
         make_scene(ellipse, field=dc_field(3.2, history=AC(9.0, averaged=True), **FIELD), cell=cell)
+    with pytest.raises(ValueError, match=r"Scene\.cell\.rate = .*5.*, expected None: the shear flow"):
+        make_scene(ellipse, flow=Shear(3.0), cell=Cell.of(CELL, rate=5.0))
     scene = make_scene(ellipse, cell=cell)
     with pytest.raises(ValueError, match=r"coupling = .*, expected MatrixFree with an accuracy"):
         equation_for(scene, coupling=Pairwise(direct=True))

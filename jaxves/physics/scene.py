@@ -95,6 +95,9 @@ class Scene(Bounded):
             raise refusal("Scene.cell", self.cell, "a cell, as Cell.of makes it, or None")
         if self.cell is None:
             return
+        if self.cell.rate is not None:
+            wanted = "None: the shear flow of the scene carries its cell along"
+            raise refusal("Scene.cell.rate", self.cell.rate, wanted)
         if not isinstance(self.flow, Shear | None):
             raise refusal("Scene.flow", self.flow, "Shear or None: in a periodic cell no other flow is supported")
         if self.field is not None and not self.field.is_uniform():
