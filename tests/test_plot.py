@@ -15,6 +15,7 @@ from jaxves import plots
 from jaxves.equation.equation import equation_for
 from jaxves.equation.state import Unknowns
 from jaxves.geometry import shapes
+from jaxves.observables.angles import only_jumps, turns
 from jaxves.observables.fields import fields_at
 from jaxves.physics.scene import dc_field, make_scene
 from jaxves.plots import films, moments, run_plots
@@ -194,7 +195,8 @@ def test_a_history_shows_the_inclination_in_degrees_and_only_where_there_is_one(
     t, drawn = line.get_data()
     assert np.isnan(drawn).sum() == 1 and line.get_marker() == "None"
     np.testing.assert_array_equal(t[np.isfinite(t)], coarse.t)
-    assert moments.turns(np.degrees(coarse.diagnostics["inclination_unwrapped"])) is False
+    angle = np.degrees(coarse.diagnostics["inclination_unwrapped"])
+    assert turns(angle) is False and only_jumps(angle) is True
 
     turning = flipping(rest=2.0)
     turning.diagnostics["inclination_unwrapped"] = np.linspace(0, 1.5 * np.pi, 201)[:, None]

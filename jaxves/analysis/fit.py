@@ -42,23 +42,26 @@ from .kept_starts import fingerprint, keep, resumed
 from .observations import Model, Observations, Translation, words
 from .search import Start, Target, linearised, starting_points, trust_region
 
+_AT_BOUND = 0.05  # distance from a bound, relative to the half-width of an interval
 _IMPROBABLE = 1e-3  # probability of χ² below which a fit is doubtful
 
 
 class Fit(NamedTuple):
     """The best end of all starts. The intervals are 95 %, from the paraboloid in the coordinates of the search.
 
-    A number that the observations do not determine has no interval. `str` gives all of it in words.
+    A number that the observations do not determine has no interval, and neither has one that ends at a bound, because
+    χ² has no minimum there. `str` gives all of it in words.
     """
 
     values: dict[str, float]
-    intervals: dict[str, tuple[float, float] | None]  # None for a number that is not determined
+    intervals: dict[str, tuple[float, float] | None]  # None for a number that is not determined, or at a bound
     covariance: Float[np.ndarray, "P P"]  # in the units of the numbers, in the order of `values`
     chi2: float
     observations: int  # χ² is near this minus the number of unknowns if model and deviations are right
     loose: tuple[str, ...]  # combinations that the observations do not determine
     determined: tuple[str, ...]  # combinations that they do determine, of numbers that are not determined alone
     starts: tuple[Start, ...]
+    at_bounds: tuple[str, ...] = ()  # numbers that ended at a bound, within a twentieth of what their interval would be
 
     @property
     def probability(self) -> float:
@@ -69,7 +72,9 @@ class Fit(NamedTuple):
     def __str__(self) -> str:
         lines = []
         for name, interval in self.intervals.items():
-            if interval is None:
+            if name in self.at_bounds:
+                lines.append(f"{name} = {self.values[name]:.5g}, an end of its bounds: no interval. Widen the bounds.")
+            elif interval is None:
                 lines.append(f"{name}: not determined alone")
             else:
                 lines.append("{} = {:.5g}, 95 % from {:.5g} to {:.5g}".format(name, self.values[name], *interval))
@@ -242,5 +247,10 @@ def _judged(starts: tuple[Start, ...], target: Target) -> Fit:
         value, both = best.ended[name], np.array([-size, size])
         low, high = value * np.exp(np.clip(both, -600, 600)) if box.positive else value + scale * both
         intervals[name] = None if unknown else (float(low), float(high))
+    c = boxes.to_coordinates(best.ended, inside)
+    room = [min(c - low, high - c) for c, (low, high) in zip(c, (box.ends() for box in inside.values()), strict=True)]
+    near = zip(inside, room, sizes, undetermined, strict=True)
+    at_bounds = tuple(name for name, room, size, unknown in near if room < _AT_BOUND * size and not unknown)
+    intervals |= dict.fromkeys(at_bounds)
     covariance = to_value[:, None] * covariance * to_value
-    return Fit(best.ended, intervals, covariance, best.chi2, r.size, loose, determined, starts)
+    return Fit(best.ended, intervals, covariance, best.chi2, r.size, loose, determined, starts, at_bounds)

@@ -15,6 +15,7 @@ from rich.table import Table
 from ..base import status
 from ..geometry.outlines import measured
 from ..observables import classes, pair_classes
+from ..observables.angles import only_jumps
 from ..observables.certificate import Link, certificate, weakest
 from ..observables.rotor import threshold_of
 from ..observables.shear_motion import Motion, is_sheared, motion_of
@@ -23,10 +24,11 @@ from ..results.ownership import writer_of
 from ..results.run_store import Record
 from ..results.sweep_store import SweepRecord
 
+_ANGLE = "inclination_unwrapped"
 _SHOWN = (
     "deformation",
     "deformation_period_mean",
-    "inclination_unwrapped",
+    _ANGLE,
     "tank_treading_speed",
     "max_V_m",
     "tension_min",
@@ -208,7 +210,7 @@ def motion_words(record: Record) -> str:
     M = record.x.shape[1]
     own = [vesicle.get("viscosity_ratio", usual) for vesicle in tables["vesicle"]]
     ratio = np.resize(own, M)  # both vesicles of a pair are the one that the scene has
-    angle = record.diagnostics["inclination_unwrapped"]
+    angle = record.diagnostics[_ANGLE]
     found = motion_of(record.t, angle, ratio, record.diagnostics.get("effective_viscosity"))
     return "; ".join(_motion_of_one(found, m, np.degrees(angle[-1, m])) for m in range(M))
 
@@ -248,6 +250,8 @@ def _quantities(record: Record) -> Table:
         if values is None:
             continue
         columns = values.reshape(len(values), -1).T
+        if name == _ANGLE and only_jumps(np.degrees(columns.T)):
+            continue
         for m, column in enumerate(columns):
             label = name if len(columns) == 1 else f"{name}[{m}]"
             there = column[~np.isnan(column)]  # a mean over a period is not known before the first one has ended

@@ -16,6 +16,7 @@ crossings       whether curves cross themselves or each other
 checks          limits of a result, and the conditions that end a run early
 classes         the class (P, O or POP) of a time series; no JAX
 pair_classes    the same for pairs of vesicles; no JAX
+angles          whether an inclination turns or only jumps; no JAX
 shear_motion    treading, tumbling and swinging in shear: class, period, averages over half-turns; no JAX
 pairs_in_cell   vectors between all centres in a periodic cell
 pair_distribution, structure_factor   how the vesicles of a suspension are placed

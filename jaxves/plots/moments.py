@@ -6,9 +6,10 @@ The nodes are equispaced in arc length, so a mean over the nodes is a mean over 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..observables.angles import jumps
+
 _STILL = 1e-2  # a total change smaller than this, in units of a, counts as no change
 _TIME = 0.25  # share of the time, beside the change of the shapes, in the distance between instants
-_JUMP = 45.0  # degrees; the axis jumps by 90
 _ROUND = 0.02  # below this anisotropy the direction of the major axis is undefined
 
 
@@ -61,14 +62,6 @@ def drawn_angle(x: Float[np.ndarray, "T M N 2"], angle: Float[np.ndarray, "T M"]
     return np.where(directed(x), np.degrees(angle), np.nan)
 
 
-def jumps(degrees: Float[np.ndarray, "T *M"]) -> Bool[np.ndarray, "T-1 *M"]:
-    """Returns whether an angle jumps between neighbouring times.
-
-    The direction of the major axis jumps by a right angle when a shape passes through a square or a circle.
-    """
-    return np.abs(np.diff(degrees, axis=0)) > _JUMP
-
-
 def broken(t: Float[np.ndarray, "T"], degrees: Float[np.ndarray, "T"]) -> tuple[np.ndarray, np.ndarray]:
     """Returns the times and the angles of a line that is broken at the jumps, by a NaN between the points."""
     after = np.flatnonzero(jumps(degrees)) + 1
@@ -79,9 +72,3 @@ def alone(values: Float[np.ndarray, "T"]) -> Int[np.ndarray, "K"]:
     """Returns the rows of the points that no line reaches, because the values before and after them are NaN."""
     there = np.pad(np.isfinite(values), 1)
     return np.flatnonzero(there[1:-1] & ~there[:-2] & ~there[2:])
-
-
-def turns(degrees: Float[np.ndarray, "T M"]) -> bool:
-    """Returns whether an angle changes by more than a degree in total, without its `jumps`."""
-    steps = np.where(jumps(degrees), 0.0, np.abs(np.diff(degrees, axis=0)))
-    return bool(np.any(np.nansum(steps, axis=0) > 1))

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 from ..base import status
 from ..numerics import fourier
+from ..observables.angles import turns
 from . import moments
 from .forcing import Forcing, draw_forcing, forcing_of
 from .style import COLUMN, INK, PAGE, STYLE, SYMBOLS, component_label, quantity_label, scale, time_label
@@ -181,7 +182,7 @@ def history(record, names: str | Sequence[str] | None = None, *, ax: Into = None
 def _usual(record) -> list[str]:
     """Returns the names of the diagnostics that are drawn by default."""
     names = [name for name in _HISTORY if name in record.diagnostics]
-    return [name for name in names if name not in _ANGLES or moments.turns(_curves(record, name)[0])]
+    return [name for name in names if name not in _ANGLES or turns(_curves(record, name)[0])]
 
 
 def _curves(record, name: str) -> tuple[np.ndarray, str]:
