@@ -49,10 +49,12 @@ def test_deflated_vesicles_are_oblate_between_both_frequencies_if_the_load_is_st
     right, total = agreement["tilted, ε = 1"]
     assert total == 48 and total - right == 2
     omega, D = np.array(DEFLATED["omega"]), np.array(DEFLATED["averaged"]["tilted"]["deformation"])[0]
+    exceptions = set()
     for ratio, row in zip(DEFLATED["ratio"], D, strict=True):
         first, second = ac_phases.frequencies_of(ratio, 1.0)
-        between = (omega > 3 * first) & ~(omega > second)  # both exceptions are nearer to the first frequency
-        assert np.all(row[between] < -classes.THRESHOLD)
+        between = (omega > first) & ~(omega > second)
+        exceptions |= {(ratio, round(float(found), 1)) for found in omega[between & (row > classes.THRESHOLD)]}
+    assert exceptions == {(0.4, 5.0), (0.7, 13.9)}  # just above the first frequencies, 4.2 and 9.8
     for part in DEFLATED["averaged"].values():
         assert set(np.ravel(part["status"])) == {"complete", "steady"}
     for part in DEFLATED["averaged"].values():
