@@ -240,7 +240,7 @@ def test_show_tells_a_living_run_from_one_whose_process_has_ended(finished, hold
     holder.kill()
     holder.wait()
     said = call("show", finished)[1].splitlines()[0]
-    assert "cut off (its attribute `status` is still 'running') at t = 0.04. " in said and "--resume" in said
+    assert "cut off (its attribute `status` is still 'running') at t = 0.04 after " in said and "--resume" in said
     assert jaxves.load(finished).word == "cut off"
 
 

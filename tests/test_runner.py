@@ -106,10 +106,10 @@ def test_a_disk_that_fails_ends_the_run_with_its_reason(tmp_path, monkeypatch):
     path = tmp_path / "full.h5"
     append = run_writer.Writer.append
 
-    def until_full(self, block, restart):
+    def until_full(self, block, restart, seconds):
         if self.saved >= 4:
             raise hdf5.StoreError(f"cannot write {path}: No space left on device")
-        append(self, block, restart)
+        append(self, block, restart, seconds)
 
     monkeypatch.setattr(rows, "SECONDS_BETWEEN_WRITES", 0.0)
     monkeypatch.setattr(run_writer.Writer, "append", until_full)
