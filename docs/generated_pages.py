@@ -316,9 +316,7 @@ def experiments() -> dict[str, str]:
         took = f" It takes {minutes[name]} minutes on two busy CPU cores." if name in minutes else ""
         answer = f" Answer: {results[name]}." if name in results else ""
         head = f"# {name}\n\n**{question}**{answer}\n\nRun it with `python -m experiments.{name}`.{took}\n\n"
-        pages[name] = head + re.sub(
-            r"!\[\]\(([^)]*/(\w+)\.png)\)", rf"![Figure \2: {cell(question)}](\1)", body.strip()
-        )
+        pages[name] = head + body.strip()
     columns = questions, results, minutes
     rows = [(f"[`{name}`]({name}.md)", *(column.get(name, "") for column in columns)) for name in pages]
     toc = "\n".join(["```{toctree}", ":hidden:", "", *pages, "```"])

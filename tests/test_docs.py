@@ -83,6 +83,37 @@ def test_every_function_that_a_page_links_to_exists():
             assert pydoc.locate(target) is not None, f"{page.name}: {target}"
 
 
+def without_a_caption(text: str) -> list[str]:
+    """Returns the images of a page that lack an alt text, a line of their own, or a next paragraph in italics."""
+    captioned = r"^!\[[^\]\n]+\]\(([^)\n]+)\)\n\n\*(?:[^*\n]|\n(?!\n))+\*\s*?(?:\n\n|\Z)"
+    found = re.findall(captioned, text, re.MULTILINE)
+    return [image for image in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text) if image not in found]
+
+
+@pytest.mark.parametrize(
+    ("text", "lacking"),
+    [
+        ("![Shapes](a.png)\n\n*Two lines\nof `code`.*\n", []),
+        ("![Shapes](a.png)\n\n*One.*\n\n![More](b.gif)\n\n*Two.*\n\nText.\n", []),
+        ("![](a.png)\n\n*No alt text.*\n", ["a.png"]),
+        ("![Shapes](a.png)\n\nText, not italic.\n", ["a.png"]),
+        ("![Shapes](a.png)\n\n**`name`.** The next section.\n", ["a.png"]),
+        ("![Shapes](a.png) ![More](b.png)\n\n*One caption for two.*\n", ["a.png", "b.png"]),
+    ],
+)
+def test_an_image_without_a_caption_is_found(text, lacking):
+    assert without_a_caption(text) == lacking
+
+
+def test_every_image_has_an_alt_text_and_a_caption():
+    """In the pages of the repository, and in those that are generated from them."""
+    files = [ROOT / "README.md", ROOT / "experiments" / "README.md", *(ROOT / "docs").rglob("*.md")]
+    pages = {str(file.relative_to(ROOT)): file.read_text(encoding="utf-8") for file in files}
+    assert len(re.findall(r"!\[", pages["experiments/README.md"])) > 50
+    pages |= {f"docs/{name}": text for name, text in runpy.run_path(PAGES)["pages"]().items()}
+    assert {name: lacking for name, text in pages.items() if (lacking := without_a_caption(text))} == {}
+
+
 def test_the_table_of_experiments_is_what_its_command_prints():
     table = runpy.run_path(str(ROOT / "docs" / "which_experiments.py"))["table"]()
     assert table in (ROOT / "docs" / "which-experiments.md").read_text(encoding="utf-8")
