@@ -39,7 +39,7 @@ def run(offsets=OFFSETS, ratios=RATIOS, areas=AREAS, t_end=8.0, saves=80, nodes=
 def draw(found) -> Figure:
     """Draws the angle of the line of centres against time: for each Λ, above by offset angle and below by Δ."""
     ratios = sorted({key[1] for key in found})
-    figure = Figure(figsize=(run_plots.PAGE, 5.6), layout="constrained")
+    figure = Figure(figsize=(run_plots.PAGE, 4.8), layout="constrained")
     axes = figure.subplots(2, len(ratios), squeeze=False, sharex=True)
     for (kind, ratio, value), case in found.items():
         ax = axes[0 if kind == "offset" else 1, ratios.index(ratio)]
@@ -50,8 +50,11 @@ def draw(found) -> Figure:
         ax.text(0.5, 1.42, rf"$\Lambda = {ratio:g}$", transform=ax.transAxes, ha="center")
     for ax in axes.flat:
         ax.axhline(90, color="0.7", lw=0.8, zorder=0)
-        ax.set(xlabel=r"$t/t_\kappa$", ylabel="line of centres (degrees)")
         ax.legend(fontsize="x-small", loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    for ax in axes[-1]:
+        ax.set(xlabel=r"$t/t_\kappa$")
+    for ax in axes[:, 0]:
+        ax.set(ylabel="line of centres (degrees)")
     return figure
 
 
