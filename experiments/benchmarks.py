@@ -116,18 +116,28 @@ def _cell(N):
     return make_scene([x, x], centers=[[0.0, 0.0], [2.1, 1.5]], field=field, flow=Shear(5.0), cell=cell)
 
 
-def _wrinkles(N):
-    angle = 2 * np.pi * np.arange(4 * N) / (4 * N)
+def wrinkled(count: int) -> np.ndarray:
+    """Returns points (count, 2) of an upright curve with fourteen small waves."""
+    angle = 2 * np.pi * np.arange(count) / count
     radius = 1 - 0.2 * np.cos(2 * angle) + 1e-3 * np.cos(14 * angle)
-    outline = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _wrinkles(N):
     field = dc_field(80.0, conductivity_ratio=0.1)
-    return make_scene(shapes.scaled(shapes.equispaced(jnp.asarray(outline), N), 1.0), field=field)
+    return make_scene(shapes.scaled(shapes.equispaced(jnp.asarray(wrinkled(4 * N)), N), 1.0), field=field)
+
+
+def suspended() -> list[tuple[float, list[float]]]:
+    """Returns the angles in degrees and the centres of 32 vesicles."""
+    places = [(j // 8, j % 8) for j in range(32)]
+    centers = [[2.8 * (column + 0.5 * (row % 2)), 2.8 * row] for row, column in places]
+    return [(37.0 * j, center) for j, center in enumerate(centers)]
 
 
 def _suspension(N):
-    column, row = (index.ravel() for index in np.meshgrid(np.arange(8), np.arange(4)))
-    centers = 2.8 * np.stack([column + 0.5 * (row % 2), row], axis=1)
-    curves = [shapes.ellipse(N, 0.9, angle=np.deg2rad(37.0 * j)) for j in range(32)]
+    angles, centers = zip(*suspended(), strict=True)
+    curves = [shapes.ellipse(N, 0.9, angle=np.deg2rad(angle)) for angle in angles]
     cell = Cell.of([[22.4, 0.0], [0.0, 11.2]])
     return make_scene(curves, centers=centers, flow=Shear(5.0), cell=cell)
 

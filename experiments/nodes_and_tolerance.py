@@ -51,20 +51,6 @@ def _shear(rate: float) -> dict:
     return {"kind": "shear", "capillary_number": rate}
 
 
-def _suspended() -> list[dict]:
-    places = [(j // 8, j % 8) for j in range(32)]
-    return [
-        {"reduced_area": 0.9, "angle": 37.0 * j, "center": [2.8 * (column + 0.5 * (row % 2)), 2.8 * row]}
-        for j, (row, column) in enumerate(places)
-    ]
-
-
-def _wrinkled() -> list[list[float]]:
-    angle = 2 * np.pi * np.arange(1024) / 1024
-    radius = 1 - 0.2 * np.cos(2 * angle) + 1e-3 * np.cos(14 * angle)
-    return (radius * np.stack([np.cos(angle), np.sin(angle)])).T.tolist()
-
-
 SCENES = {
     "pop": {"vesicle": [_UPRIGHT], "field": _field(3.2, 0.1)},
     "budding": {"vesicle": [_UPRIGHT | {"reduced_area": 0.5}], "field": _field(12.8, 0.1)},
@@ -87,9 +73,12 @@ SCENES = {
         "vesicle": [_UPRIGHT | {"center": [0.0, 0.0]}, _UPRIGHT | {"center": [2.1, 1.5]}],
         "cell": {"lattice": [[4.0, 0.0], [0.0, 4.0]]}, "field": _field(3.2, 0.5), "flow": _shear(5.0),
     },
-    "wrinkles": {"vesicle": [{"shape": "points", "points": _wrinkled()}], "field": _field(80.0, 0.1)},
+    "wrinkles": {
+        "vesicle": [{"shape": "points", "points": benchmarks.wrinkled(1024).tolist()}], "field": _field(80.0, 0.1)
+    },
     "suspension": {
-        "vesicle": _suspended(), "cell": {"lattice": [[22.4, 0.0], [0.0, 11.2]]}, "flow": _shear(5.0)
+        "vesicle": [{"reduced_area": 0.9, "angle": a, "center": c} for a, c in benchmarks.suspended()],
+        "cell": {"lattice": [[22.4, 0.0], [0.0, 11.2]]}, "flow": _shear(5.0)
     },
 }  # fmt: skip
 

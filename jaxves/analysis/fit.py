@@ -239,18 +239,19 @@ def _judged(starts: tuple[Start, ...], target: Target) -> Fit:
         wanted = "at least one start whose run is complete and has all observed quantities"
         raise ValueError(f"starts: every run ended as {ended}, expected {wanted}.")
     best = min(finite, key=lambda start: start.chi2)
-    r, jacobian = linearised(as_float(boxes.to_coordinates(best.ended, inside)), target)
+    coordinates = boxes.to_coordinates(best.ended, inside)
+    r, jacobian = linearised(as_float(coordinates), target)
     to_value = boxes.slopes(best.ended, inside)
     sizes, undetermined, covariance, loose, determined = judged(np.array(jacobian), inside)
     intervals: dict[str, tuple[float, float] | None] = {}
-    for (name, box), size, unknown, scale in zip(inside.items(), sizes, undetermined, to_value, strict=True):
+    at_bounds = []
+    rows = zip(inside.items(), coordinates, sizes, undetermined, to_value, strict=True)
+    for (name, box), c, size, unknown, scale in rows:
+        lower, upper = box.ends()
+        if not unknown and min(c - lower, upper - c) < _AT_BOUND * size:
+            at_bounds.append(name)
         value, both = best.ended[name], np.array([-size, size])
         low, high = value * np.exp(np.clip(both, -600, 600)) if box.positive else value + scale * both
-        intervals[name] = None if unknown else (float(low), float(high))
-    c = boxes.to_coordinates(best.ended, inside)
-    room = [min(c - low, high - c) for c, (low, high) in zip(c, (box.ends() for box in inside.values()), strict=True)]
-    near = zip(inside, room, sizes, undetermined, strict=True)
-    at_bounds = tuple(name for name, room, size, unknown in near if room < _AT_BOUND * size and not unknown)
-    intervals |= dict.fromkeys(at_bounds)
+        intervals[name] = None if unknown or name in at_bounds else (float(low), float(high))
     covariance = to_value[:, None] * covariance * to_value
-    return Fit(best.ended, intervals, covariance, best.chi2, r.size, loose, determined, starts, at_bounds)
+    return Fit(best.ended, intervals, covariance, best.chi2, r.size, loose, determined, starts, tuple(at_bounds))
